@@ -1,0 +1,79 @@
+"""Learner, plural: all agents of one species, each learning for itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ecology import EcologyError, Group
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One tick in the life of the n slots of a species."""
+
+    observations: np.ndarray  # float32 (n, D) zeta before
+    masks: np.ndarray  # bool (n, A) before
+    actions: np.ndarray  # int (n,) executed
+    next_observations: np.ndarray  # float32 (n, D)
+    next_masks: np.ndarray  # bool (n, A)
+    alive: np.ndarray  # bool (n,) after
+
+
+class Learner(ABC):
+    """Those who act in the n slots of one species.
+
+    A learner sees zeta and the action mask, and is told what its senses and actions are
+    (`Group`: layout, action names, kinds, speeds). It never sees the state of the world.
+    """
+
+    summary: ClassVar[str] = ""  # one line for `ecology list`
+
+    def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
+        self.group = group
+        self.size = group.size
+        self.rng = np.random.default_rng(seed)
+        self.learning = True  # False: act as in evaluation, learn nothing
+
+    @classmethod
+    def with_settings(
+        cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]
+    ) -> Learner:
+        """Return a learner with its settings by name; a learner without settings takes none."""
+        if settings:
+            raise EcologyError(f"the learner {cls.__name__} has no settings, got {sorted(settings)}.")
+        return cls(group, seed)
+
+    @abstractmethod
+    def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        """Return an action (n,) for every slot, open in its mask; any number for a dead slot."""
+
+    def learn(self, transition: Transition) -> None:  # noqa: B027  (most baselines learn nothing)
+        """Take in one tick of life."""
+
+    def begin(self) -> None:  # noqa: B027
+        """Forget what was under way: the next observation does not follow from the last."""
+
+    def evaluating(self, epsilon: float) -> None:  # noqa: B027
+        """Stop learning; explore with `epsilon` from now on."""
+        self.learning = False
+
+    def report(self) -> Mapping[str, np.ndarray]:
+        """Return numbers by name, each (n,): what watchers may show."""
+        return {}
+
+    def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:  # noqa: ARG002
+        """Return -ln(gamma) J in drive units, (m,) at states (m, D), for the agent in `slot`; None without a J."""
+        return None
+
+    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return all that the learner has become: arrays, and plain values that JSON holds."""
+        return {}, {"rng": self.rng.bit_generator.state}
+
+    def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
+        """Become what `state` returned."""
+        self.rng.bit_generator.state = values["rng"]

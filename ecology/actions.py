@@ -1,0 +1,110 @@
+"""Actions as arrays: controls, motions and the action mask of all slots of a species at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ecology.spec import Resource, Species
+from ecology.state import Bools, Floats, Ints
+
+
+@dataclass(frozen=True)
+class ActionTable:
+    """The actions of one species in arrays, A actions and V needs."""
+
+    names: tuple[str, ...]  # A
+    kinds: tuple[str, ...]  # A
+    control: Floats  # (A, V) u, per unit of time
+    speed: Floats  # (A,)
+    turn: Floats  # (A,) radians per unit of time
+    direction: Floats  # (A,) absolute direction of a move, NaN: the heading
+    consumes: Ints  # (A,) resource index, -1 without
+    goes_to: Ints  # (A,) resource index, -1 without
+    duration: Floats  # (A,)
+    opens_from: Floats  # (A, V)
+    closes_at: Floats  # (A, V)
+    rest: int  # index of the rest action
+    committed: bool  # whether a go_to excludes the other actions until it ends
+
+
+def compile_actions(species: Species, resources: tuple[Resource, ...], width: int) -> ActionTable:
+    """Return the action table of `species`, its need columns padded to `width`."""
+    column = {need.name: i for i, need in enumerate(species.needs)}
+    row = {resource.name: i for i, resource in enumerate(resources)}
+    acts = species.actions
+    control = np.zeros((len(acts), width))
+    opens_from = np.full((len(acts), width), -np.inf)
+    closes_at = np.full((len(acts), width), np.inf)
+    for i, action in enumerate(acts):
+        for name, value in action.control.items():
+            control[i, column[name]] = value
+        for name, value in action.opens_from.items():
+            opens_from[i, column[name]] = value
+        thresholds = dict(action.closes_at)
+        if action.kind != "sleep":
+            for name, value in species.collapse.items():
+                thresholds[name] = min(value, thresholds.get(name, np.inf))
+        for name, value in thresholds.items():
+            closes_at[i, column[name]] = value
+    resource = [row[a.resource] if a.resource is not None else -1 for a in acts]
+    return ActionTable(
+        names=tuple(a.name for a in acts),
+        kinds=tuple(a.kind for a in acts),
+        control=control,
+        speed=np.array([a.speed for a in acts]),
+        turn=np.array([a.turn for a in acts]),
+        direction=np.array([np.nan if a.direction is None else a.direction for a in acts]),
+        consumes=np.array(
+            [r if a.kind == "consume" else -1 for a, r in zip(acts, resource, strict=True)], np.int64
+        ),
+        goes_to=np.array([r if a.kind == "go_to" else -1 for a, r in zip(acts, resource, strict=True)], np.int64),
+        duration=np.array([a.duration for a in acts]),
+        opens_from=opens_from,
+        closes_at=closes_at,
+        rest=next(i for i, a in enumerate(acts) if a.kind == "rest"),
+        committed=species.commitment == "committed",
+    )
+
+
+def action_mask(
+    table: ActionTable,
+    internal: Floats,
+    inside: Bools,
+    seen: Bools,
+    alive: Bools,
+    hold: Floats,
+    action: Ints,
+    bound_for: Ints,
+) -> Bools:
+    """Return A_zeta, which actions are open, (n, A) for the n slots of one species.
+
+    Thresholds of the body close actions; consume is open inside its circle, go_to while the
+    resource is seen (or already under way) and not reached; an action that still immobilises is
+    the only one open. A dead slot has no open action.
+    """
+    x = internal[:, None, :]
+    mask = ((x < table.closes_at) & (x >= table.opens_from)).all(axis=2)  # (n, A)
+    eats = np.flatnonzero(table.consumes >= 0)
+    if eats.size:
+        mask[:, eats] &= inside[:, table.consumes[eats]]
+    goes = np.flatnonzero(table.goes_to >= 0)
+    if goes.size:
+        target = table.goes_to[goes]
+        mask[:, goes] &= (seen[:, target] | (bound_for[:, None] == target)) & ~inside[:, target]
+        if table.committed:
+            under_way = table.goes_to[action] >= 0
+            under_way &= bound_for >= 0
+            rows = np.flatnonzero(under_way & mask[np.arange(len(mask)), action])
+            if rows.size:
+                mask[rows] = False
+                mask[rows, action[rows]] = True
+    held = np.flatnonzero(hold > 0)
+    if held.size:
+        mask[held] = False
+        mask[held, action[held]] = True
+    # a body whose thresholds close everything can still do nothing
+    mask[:, table.rest] |= ~mask.any(axis=1)
+    mask &= alive[:, None]
+    return mask

@@ -1,0 +1,39 @@
+"""What a watcher is: it is shown the world and the minds in it, and changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from ecology.env import Ecology, Tick
+from ecology.state import State
+
+
+class Mind(Protocol):
+    """What a learner shows of itself to those who watch; every learner does."""
+
+    def report(self) -> Mapping[str, np.ndarray]:
+        """Return numbers by name, each (n,), one per slot of the species: losses, epsilon, ..."""
+        ...
+
+    def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:
+        """Return -ln(gamma) J, drive units, (m,) at states (m, D) for the agent in `slot`; None without a J."""
+        ...
+
+
+class Observer(Protocol):
+    """Someone who watches a run."""
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Be shown the world before its first tick; `minds` by species."""
+        ...
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Be shown the read-only state after a tick."""
+        ...
+
+    def end(self) -> None:
+        """Finish: flush and close what was written."""
+        ...

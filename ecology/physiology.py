@@ -1,0 +1,132 @@
+"""The body: deviation, drive, transition f, noise g and reward, pure functions of arrays.
+
+Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeling".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ecology.spec import Species
+from ecology.state import Bools, Floats
+
+
+@dataclass(frozen=True)
+class Body:
+    """The constants of every slot's body, one row per slot; padding columns stay at zero."""
+
+    set_point: Floats  # (n, V) x*
+    start: Floats  # (n, V)
+    decay: Floats  # (n, V) per unit of time
+    leak: Floats  # (n, V) per unit of time
+    proportional: Bools  # (n, V)
+    amplitude: Floats  # (n, V) of the season
+    frequency: Floats  # (n, V) of the season, radians per unit of time
+    phase: Floats  # (n, V) of the season, radians
+    ageing: Floats  # (n, V) per unit of age
+    noise: Floats  # (n, V) per square root of a unit of time
+    low: Floats  # (n, V) bounds
+    high: Floats  # (n, V)
+    lethal: Bools  # (n, V)
+    regulated: Floats  # (n, V) 1 where the deviation counts in the drive
+    epsilon: Floats  # (n,) of the drive
+    varies: bool  # whether any season or ageing is at work
+    leaks: bool  # whether any rate is proportional to x
+    noisy: bool
+    deadly: bool
+
+
+def compile_bodies(species: Sequence[Species], width: int) -> Body:
+    """Return the constants of the slots of `species`, in their order, padded to `width` needs."""
+
+    def rows(read, padding: float = 0.0) -> np.ndarray:
+        table = [[read(need) for need in s.needs] + [padding] * (width - len(s.needs)) for s in species]
+        return np.repeat(np.array(table, dtype=float), [s.count for s in species], axis=0)
+
+    def season(name: str):
+        return lambda need: getattr(need.season, name) if need.season else 0.0
+
+    frequency = rows(lambda need: 2 * np.pi / need.season.period if need.season else 0.0)
+    proportional = rows(lambda need: need.proportional).astype(bool)
+    ageing, noise = rows(lambda need: need.ageing), rows(lambda need: need.noise)
+    leak, lethal = rows(lambda need: need.leak), rows(lambda need: need.lethal).astype(bool)
+    return Body(
+        set_point=rows(lambda need: need.set_point),
+        start=rows(lambda need: need.x0),
+        decay=rows(lambda need: need.decay),
+        leak=leak,
+        proportional=proportional,
+        amplitude=rows(season("amplitude")),
+        frequency=frequency,
+        phase=rows(season("phase")),
+        ageing=ageing,
+        noise=noise,
+        low=rows(lambda need: need.bounds[0]),
+        high=rows(lambda need: need.bounds[1]),
+        lethal=lethal,
+        regulated=rows(lambda need: need.regulated),
+        epsilon=np.repeat([s.drive_epsilon for s in species], [s.count for s in species]),
+        varies=bool(frequency.any() or ageing.any()),
+        leaks=bool(leak.any() or proportional.any()),
+        noisy=bool(noise.any()),
+        deadly=bool(lethal.any()),
+    )
+
+
+def drive(delta: Floats, epsilon: Floats | float) -> Floats:
+    """Return d(delta) = sqrt(epsilon + delta . delta), (...) for delta (..., V)."""
+    return np.sqrt(epsilon + np.einsum("...v,...v->...", delta, delta))
+
+
+def deviation(body: Body, internal: Floats) -> Floats:
+    """Return delta = x - x* of the regulated needs, 0 for the others, (n, V)."""
+    return (internal - body.set_point) * body.regulated
+
+
+def velocity(body: Body, internal: Floats, control: Floats, time: float, age: Floats) -> Floats:
+    """Return f(zeta, u, t) of the internal state, (n, V) per unit of time (paper, eq. of d zeta).
+
+    (a) self-regulation, (b) the control u (n, V), (c) time and age.
+    """
+    decay = body.decay
+    if body.varies:
+        season = 1.0 + body.amplitude * np.sin(body.frequency * time + body.phase)
+        decay = decay * season * (1.0 + body.ageing * age[:, None])
+    if body.leaks:
+        return np.where(body.proportional, control * internal, control) - decay - body.leak * internal
+    return control - decay
+
+
+def noise(body: Body, dt: float, rng: np.random.Generator) -> Floats:
+    """Return g dS over dt, (n, V): a Wiener increment per need."""
+    return body.noise * (np.sqrt(dt) * rng.standard_normal(body.noise.shape))
+
+
+def advance(
+    body: Body,
+    internal: Floats,
+    control: Floats,
+    time: float,
+    age: Floats,
+    dt: float,
+    rng: np.random.Generator,
+) -> Floats:
+    """Return x after dt: an Euler step of d zeta = f dt + g dS, before bounds, (n, V)."""
+    after = internal + velocity(body, internal, control, time, age) * dt
+    if body.noisy:
+        after += noise(body, dt, rng)
+    return after
+
+
+def clamp(body: Body, internal: Floats) -> Floats:
+    """Return x kept within its bounds: the organism's automatic regulation, (n, V)."""
+    return np.minimum(np.maximum(internal, body.low), body.high)
+
+
+def fatal(body: Body, internal: Floats) -> Bools:
+    """Return who has a lethal need beyond its bounds, (n,); ask before `clamp`."""
+    beyond = (internal < body.low) | (internal > body.high)
+    return (beyond & body.lethal).any(axis=1)

@@ -1,0 +1,279 @@
+"""The frozen words of a scenario: Need, Action, Species, Resource, Arena.
+
+Everything a user writes is per unit of time (rates, speeds) and in units of the plane (lengths).
+Each word checks itself; `scenario.Scenario` checks that the words fit together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from ecology.errors import EcologyError
+
+Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to"]
+Commitment = Literal["free", "committed"]
+
+
+def require(rule: bool, message: str) -> None:
+    """Raise EcologyError(message) unless `rule` holds."""
+    if not rule:
+        raise EcologyError(message)
+
+
+def _finite(owner: str, **numbers: float) -> None:
+    for name, value in numbers.items():
+        require(
+            isinstance(value, (int, float)) and math.isfinite(value),
+            f"{owner}: {name} must be a finite number, got {value!r}.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Season:
+    """A sine of time that multiplies a need's decay: 1 + amplitude sin(2 pi t / period + phase)."""
+
+    amplitude: float
+    period: float  # time
+    phase: float = 0.0  # radians
+
+    def __post_init__(self) -> None:
+        _finite("Season", amplitude=self.amplitude, period=self.period, phase=self.phase)
+        require(self.period > 0, f"Season: period must be positive, got {self.period!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Need:
+    """One variable x of the internal state and the way it moves by itself (paper, eq. of d zeta).
+
+    dx = (-decay * season(t) * (1 + ageing * age) - leak * x + u [* x if proportional]) dt + noise dS
+
+    A fatigue is a need whose set point is 0 and whose decay is negative (it grows by itself).
+    """
+
+    name: str
+    set_point: float  # x*, in units of the variable
+    start: float | None = None  # x at birth; the set point when None
+    decay: float = 0.0  # (a) self-regulation: units lost per unit of time
+    leak: float = 0.0  # (a) self-regulation proportional to x, per unit of time
+    proportional: bool = False  # (b) whether the control u multiplies x, as in the authors' code
+    season: Season | None = None  # (c) time of day or year
+    ageing: float = 0.0  # (c) growth of the decay per unit of age
+    noise: float = 0.0  # (d) standard deviation per square root of a unit of time
+    bounds: tuple[float, float] = (0.0, math.inf)  # x is kept within, or the agent dies beyond
+    lethal: bool = False  # leaving the bounds kills instead of being clamped
+    regulated: bool = True  # whether the deviation counts in the drive
+
+    def __post_init__(self) -> None:
+        owner = f"need {self.name!r}"
+        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        _finite(
+            owner,
+            set_point=self.set_point,
+            start=self.x0,
+            decay=self.decay,
+            leak=self.leak,
+            ageing=self.ageing,
+            noise=self.noise,
+        )
+        require(self.noise >= 0, f"{owner}: noise must not be negative, got {self.noise!r}.")
+        low, high = self.bounds
+        require(low < high, f"{owner}: bounds must be (low, high) with low < high, got {self.bounds!r}.")
+        require(
+            low <= self.set_point <= high,
+            f"{owner}: the bounds {self.bounds!r} must include the set point {self.set_point!r}; "
+            "widen the bounds or move the set point.",
+        )
+        require(
+            low <= self.x0 <= high,
+            f"{owner}: the bounds {self.bounds!r} must include the start {self.x0!r}.",
+        )
+
+    @property
+    def x0(self) -> float:
+        """Return the value at birth."""
+        return self.set_point if self.start is None else self.start
+
+    @property
+    def scale(self) -> float:
+        """Return the size of an ordinary deviation: x*, or 3 for a variable whose set point is 0."""
+        return abs(self.set_point) if self.set_point else 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Action:
+    """One action as data: its control u, its motion, and when it is open.
+
+    Write actions with `rest`, `move`, `turn`, `sleep`, `consume` and `go_to`.
+    """
+
+    name: str
+    kind: Kind
+    control: Mapping[str, float] = field(default_factory=dict)  # u: need -> change per unit of time
+    speed: float = 0.0  # forward, length per unit of time
+    turn: float = 0.0  # radians per unit of time, positive to the left
+    direction: float | None = None  # absolute direction of a move, radians; None: the heading
+    resource: str | None = None  # of consume and go_to
+    duration: float = 0.0  # minimal duration, during which no other action is open
+    opens_from: Mapping[str, float] = field(default_factory=dict)  # open only while every need named is at least this
+    closes_at: Mapping[str, float] = field(default_factory=dict)  # closed while any need named is at least this
+
+    def __post_init__(self) -> None:
+        owner = f"action {self.name!r}"
+        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        _finite(owner, speed=self.speed, turn=self.turn, duration=self.duration)
+        require(self.speed >= 0, f"{owner}: speed must not be negative, got {self.speed!r}.")
+        require(self.duration >= 0, f"{owner}: duration must not be negative, got {self.duration!r}.")
+        for rates in (self.control, self.opens_from, self.closes_at):
+            _finite(owner, **rates)
+        require(
+            (self.resource is not None) == (self.kind in ("consume", "go_to")),
+            f"{owner}: consume and go_to name a resource, other actions do not.",
+        )
+
+
+def rest(name: str = "rest", **rest_of: object) -> Action:
+    """Return the action that does nothing: u = 0."""
+    return Action(name=name, kind="rest", **rest_of)  # type: ignore[arg-type]
+
+
+def move(name: str, speed: float, **rest_of: object) -> Action:
+    """Return a move forward along the heading (or along `direction`) at `speed`."""
+    return Action(name=name, kind="move", speed=speed, **rest_of)  # type: ignore[arg-type]
+
+
+def turn(name: str, rate: float, **rest_of: object) -> Action:
+    """Return a turn on the spot at `rate` radians per unit of time, positive to the left."""
+    return Action(name=name, kind="turn", turn=rate, **rest_of)  # type: ignore[arg-type]
+
+
+def sleep(name: str = "sleep", *, duration: float, **rest_of: object) -> Action:
+    """Return a sleep that immobilises for `duration` units of time, and can be renewed."""
+    return Action(name=name, kind="sleep", duration=duration, **rest_of)  # type: ignore[arg-type]
+
+
+def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Action:
+    """Return the consumption of `resource`, open within its circle; `intake` is u per need."""
+    return Action(
+        name=f"consume_{resource}",
+        kind="consume",
+        resource=resource,
+        control=intake,
+        **rest_of,  # type: ignore[arg-type]
+    )
+
+
+def go_to(resource: str, speed: float, **rest_of: object) -> Action:
+    """Return the walk to `resource`, open while it is seen and not yet reached."""
+    return Action(
+        name=f"go_to_{resource}",
+        kind="go_to",
+        resource=resource,
+        speed=speed,
+        **rest_of,  # type: ignore[arg-type]
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resource:
+    """A circle in the plane within which a resource can be consumed; unlimited."""
+
+    name: str
+    position: tuple[float, float]
+    radius: float = 0.3
+
+    def __post_init__(self) -> None:
+        owner = f"resource {self.name!r}"
+        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
+        _finite(owner, x=self.position[0], y=self.position[1], radius=self.radius)
+        require(self.radius > 0, f"{owner}: radius must be positive, got {self.radius!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arena:
+    """A closed polygon without holes; its edges are the walls."""
+
+    vertices: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        require(
+            len(self.vertices) >= 3,
+            f"arena: a closed arena needs at least 3 vertices, got {len(self.vertices)}.",
+        )
+        for vertex in self.vertices:
+            require(len(vertex) == 2, f"arena: a vertex is (x, y), got {vertex!r}.")
+            _finite("arena", x=vertex[0], y=vertex[1])
+        import shapely  # slow to load, needed once per arena
+
+        polygon = shapely.Polygon(self.vertices)
+        require(
+            polygon.is_valid and polygon.area > 0,
+            f"arena: the walls must not cross or overlap ({shapely.is_valid_reason(polygon)}); "
+            "list the vertices once around, without repeating the first.",
+        )
+        require(
+            self.vertices[0] != self.vertices[-1],
+            f"arena: the first vertex {self.vertices[0]!r} is repeated at the end; leave it out.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Species:
+    """A kind of agent: its needs, its actions, its body, its senses and who learns in it."""
+
+    name: str
+    needs: tuple[Need, ...]
+    actions: tuple[Action, ...]
+    count: int = 1  # alive at the start
+    radius: float = 0.1  # of the body, length
+    view_angle: float = 2 * math.pi  # of the view field, radians
+    view_range: float = math.inf  # of the view field, length
+    senses: tuple[str, ...] = ("position", "heading")  # e, after the deviations in zeta
+    position: tuple[float, float] | None = None  # at birth; anywhere in the arena when None
+    heading: float | None = None  # at birth, radians; any when None
+    collapse: Mapping[str, float] = field(default_factory=dict)  # at these thresholds sleep is the only action left
+    commitment: Commitment = "free"  # whether a go_to may be left before it arrives
+    drive_epsilon: float = 0.001  # of the drive sqrt(epsilon + delta . delta)
+    learner: str = "hjb"
+    learner_settings: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        owner = f"species {self.name!r}"
+        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        require(len(self.needs) > 0, f"{owner}: at least one need.")
+        require(
+            isinstance(self.count, int) and self.count >= 0,
+            f"{owner}: count must be a whole number of at least 0, got {self.count!r}.",
+        )
+        _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon)
+        require(self.radius > 0, f"{owner}: radius must be positive, got {self.radius!r}.")
+        require(
+            0 < self.view_angle <= 2 * math.pi,
+            f"{owner}: view_angle must lie in (0, 2 pi] radians, got {self.view_angle!r}.",
+        )
+        require(self.view_range > 0, f"{owner}: view_range must be positive, got {self.view_range!r}.")
+        require(
+            self.drive_epsilon > 0, f"{owner}: drive_epsilon must be positive, got {self.drive_epsilon!r}."
+        )
+        require(
+            self.commitment in ("free", "committed"),
+            f"{owner}: commitment is 'free' or 'committed', got {self.commitment!r}.",
+        )
+        for what, names in (
+            ("need", [need.name for need in self.needs]),
+            ("action", [action.name for action in self.actions]),
+        ):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            require(not twice, f"{owner}: every {what} needs a name of its own, {twice} appear twice.")
+        require(
+            sum(action.kind == "rest" for action in self.actions) == 1,
+            f"{owner}: exactly one rest action, which takes the place of a closed one.",
+        )
+        if self.collapse:
+            require(
+                any(action.kind == "sleep" for action in self.actions),
+                f"{owner}: collapse leaves only sleep, but no action of kind 'sleep' is given.",
+            )

@@ -1,0 +1,59 @@
+"""State: everything that changes in a world, one row per slot."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass
+class State:
+    """All that changes, for N slots, V needs (the most of any species) and R resources.
+
+    A slot belongs to one species for good; a dead agent's row stays where it is. Rows of a
+    species with fewer than V needs are padded with zeros.
+    """
+
+    tick: int
+    time: float
+    next_serial: int
+    alive: Bools  # (N,)
+    serial: Ints  # (N,) name of the agent in the slot, -1 before the first; never returns
+    age: Floats  # (N,) time since birth
+    position: Floats  # (N, 2)
+    heading: Floats  # (N,) radians in [-pi, pi)
+    internal: Floats  # (N, V) x
+    drive: Floats  # (N,) d(delta)
+    action: Ints  # (N,) executed in the last tick, an index into the species' own actions
+    hold: Floats  # (N,) time for which the present action still immobilises
+    bound_for: Ints  # (N,) resource that a go_to under way leads to, -1 without
+    inside: Bools  # (N, R) within the resource's circle
+    seen: Bools  # (N, R) within the view field, with no wall between
+    resource_position: Floats  # (R, 2)
+    returned: int  # times that the arena's guarantee put a body back inside
+    closed: Ints  # (N,) closed actions asked for so far, each replaced
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return the array fields by name."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+    def readonly(self) -> State:
+        """Return a view of this state whose arrays refuse to be written."""
+        view = copy.copy(self)
+        for name, value in self.arrays().items():
+            locked = value.view()
+            locked.flags.writeable = False
+            setattr(view, name, locked)
+        return view
+
+    def copy(self) -> State:
+        """Return a deep copy."""
+        return copy.deepcopy(self)

@@ -1,0 +1,111 @@
+"""Scenarios: a file in this folder that defines `build` is a scenario; there is no registry."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from ecology import EcologyError, Scenario
+from ecology.errors import nearest
+
+HERE = Path(__file__).parent
+
+
+def names() -> list[str]:
+    """Return the names of the scenarios that ship, sorted."""
+    return sorted(path.stem for path in HERE.glob("*.py") if path.stem != "cli" and not path.stem.startswith("_"))
+
+
+def module(name: str) -> ModuleType:
+    """Return the module of the scenario `name`, or of the file at the path `name`.
+
+    Running a scenario file runs its code: load only files that you trust.
+    """
+    path = Path(name)
+    if path.suffix == ".py":
+        if not path.is_file():
+            raise EcologyError(f"there is no scenario file {name!r}; give the path of a .py file.")
+    elif name in names():
+        path = HERE / f"{name}.py"
+    else:
+        raise EcologyError(
+            f"there is no scenario {name!r}. {nearest(name, names())} A file of your own is given by its path, "
+            "ending in .py."
+        )
+    spec = importlib.util.spec_from_file_location(f"scenarios._loaded_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise EcologyError(f"the scenario file {str(path)!r} cannot be loaded as Python.")
+    loaded = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = loaded
+    try:
+        spec.loader.exec_module(loaded)
+    except EcologyError:
+        raise
+    except Exception as error:
+        raise EcologyError(
+            f"the scenario file {str(path)!r} does not run: {type(error).__name__}: {error}."
+        ) from error
+    if not callable(getattr(loaded, "build", None)):
+        raise EcologyError(
+            f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
+        )
+    return loaded
+
+
+def settings(name: str) -> dict[str, Any]:
+    """Return the settings of the scenario `name` with their defaults: the parameters of `build`."""
+    parameters = inspect.signature(module(name).build).parameters
+    return {key: parameter.default for key, parameter in parameters.items()}
+
+
+def load(name: str, /, **changes: Any) -> Scenario:
+    """Return the scenario `name` (or the file at that path) with `changes` to its settings."""
+    build = module(name).build
+    defaults = {key: p.default for key, p in inspect.signature(build).parameters.items()}
+    resolved = {**defaults, **_checked(name, defaults, changes)}
+    try:
+        scenario = build(**resolved)
+    except EcologyError:
+        raise
+    except Exception as error:
+        raise EcologyError(
+            f"the scenario {name!r} cannot be built with {changes}: {type(error).__name__}: {error}."
+        ) from error
+    if not isinstance(scenario, Scenario):
+        raise EcologyError(
+            f"`build` of the scenario {name!r} must return an ecology.Scenario, got {type(scenario).__name__}."
+        )
+    import dataclasses
+
+    return dataclasses.replace(scenario, settings=resolved)
+
+
+def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    checked = {}
+    for key, value in changes.items():
+        if key not in defaults:
+            raise EcologyError(f"the scenario {name!r} has no setting {key!r}. {nearest(key, defaults)}")
+        default = defaults[key]
+        if isinstance(default, bool) or isinstance(value, bool):
+            good = isinstance(default, bool) and isinstance(value, bool)
+        elif isinstance(default, float):
+            good = isinstance(value, (int, float))
+            value = float(value) if good else value
+        elif isinstance(default, tuple):
+            good = isinstance(value, (tuple, list)) and len(value) == len(default)
+            value = tuple(value) if good else value
+        elif default is None or default is inspect.Parameter.empty:
+            good = True
+        else:
+            good = isinstance(value, type(default))
+        if not good:
+            raise EcologyError(
+                f"the setting {key!r} of scenario {name!r} is like {default!r}; got {value!r}."
+            )
+        checked[key] = value
+    return checked
