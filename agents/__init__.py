@@ -29,6 +29,11 @@ def learner_class(name: str) -> type[Learner]:
     return getattr(importlib.import_module(module), cls)
 
 
+def settings(name: str) -> dict[str, Any]:
+    """Return the settings of the learner `name` with their defaults."""
+    return learner_class(name).defaults()
+
+
 def make(name: str, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]) -> Learner:
     """Return a learner `name` for the slots of `group`, with its settings."""
     cls = learner_class(name)

@@ -12,6 +12,18 @@ import numpy as np
 from ecology import EcologyError, Group
 
 
+class DivergedError(EcologyError):
+    """A network of the agent in `slot` (of the world) holds numbers that are not finite.
+
+    Raised by a learner with what it was that diverged ("the deviation function J") and what to do
+    about it; whoever runs the world adds the tick and the agent's name.
+    """
+
+    def __init__(self, what: str, slot: int, advice: str = "") -> None:
+        super().__init__(f"{what} is no longer finite. {advice}".rstrip())
+        self.slot = slot
+
+
 @dataclass(frozen=True)
 class Transition:
     """One tick in the life of the n slots of a species."""
@@ -40,6 +52,11 @@ class Learner(ABC):
         self.learning = True  # False: act as in evaluation, learn nothing
 
     @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """Return the settings by name with their defaults; plain values that TOML holds."""
+        return {}
+
+    @classmethod
     def with_settings(
         cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]
     ) -> Learner:
@@ -58,7 +75,7 @@ class Learner(ABC):
     def begin(self) -> None:  # noqa: B027
         """Forget what was under way: the next observation does not follow from the last."""
 
-    def evaluating(self, epsilon: float) -> None:  # noqa: B027
+    def evaluating(self, epsilon: float) -> None:
         """Stop learning; explore with `epsilon` from now on."""
         self.learning = False
 
@@ -66,8 +83,8 @@ class Learner(ABC):
         """Return numbers by name, each (n,): what watchers may show."""
         return {}
 
-    def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:  # noqa: ARG002
-        """Return -ln(gamma) J in drive units, (m,) at states (m, D), for the agent in `slot`; None without a J."""
+    def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:
+        """Return -ln(gamma) J, drive units, (m,) at states (m, D), of the agent in `slot`, or None."""
         return None
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

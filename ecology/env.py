@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import gymnasium
@@ -36,6 +36,7 @@ class Group:
     kinds: tuple[str, ...]  # of the actions
     speeds: Floats  # (A,)
     turns: Floats  # (A,) radians per unit of time
+    durations: Floats  # (A,) minimal durations, units of time
     dt: float
 
     @property
@@ -62,8 +63,9 @@ class Ecology(ParallelEnv):
     """Many self-regulated agents in one continuous plane.
 
     `reset` and `step` are PettingZoo's, in dicts; `reset_arrays` and `step_arrays` are the same
-    world without dicts, and give the same trajectory. A closed action is replaced by rest (or by
-    the action that immobilises), and `infos[agent]["closed"]` says so.
+    world without dicts, and give the same trajectory. A closed action is replaced by rest (or,
+    where rest is closed too, by what is open: the sleep that immobilises, the go_to committed
+    to), and `infos[agent]["closed"]` says so.
     """
 
     metadata = {"name": "ecology", "render_modes": ["rgb_array"], "is_parallelizable": True}
@@ -72,6 +74,10 @@ class Ecology(ParallelEnv):
         self, scenario: Scenario, *, horizon: int | None = None, render_mode: str | None = None
     ) -> None:
         """Build the world of `scenario`; after `horizon` ticks every agent is truncated."""
+        require(
+            isinstance(scenario, Scenario),
+            f"a world is built from a Scenario, got {scenario!r}; `scenarios.load(name)` returns one.",
+        )
         require(
             render_mode is None or render_mode in self.metadata["render_modes"],
             f"render_mode must be one of {self.metadata['render_modes']} or None, got {render_mode!r}.",
@@ -104,6 +110,7 @@ class Ecology(ParallelEnv):
                 kinds=table.kinds,
                 speeds=table.speed,
                 turns=table.turn,
+                durations=table.duration,
                 dt=self.dt,
             )
         self._group_of = {slot: g for g in self.groups.values() for slot in range(g.slots.start, g.slots.stop)}
@@ -210,7 +217,8 @@ class Ecology(ParallelEnv):
             open_ = mask[np.arange(group.size), wanted]
             alive = state.alive[rows]
             closed[slice_rows] = ~open_ & alive
-            fallback = np.where(state.hold[rows] > 0, state.action[rows], table.rest)
+            # rest where it is open, else what the body is held to: a sleep, a committed go_to
+            fallback = np.where(mask[:, table.rest] | ~alive, table.rest, mask.argmax(axis=1))
             action = np.where(open_, wanted, fallback)
             begins = (table.duration[action] > 0) & (state.hold[rows] <= 0) & alive
             state.hold[rows] = np.where(begins, table.duration[action], state.hold[rows])
@@ -327,6 +335,49 @@ class Ecology(ParallelEnv):
         self._feel()
         return self._look(np.zeros(self.size), np.zeros(self.size, bool), np.zeros(self.size, bool))
 
+    # ---- leaving a world and coming back ---------------------------------------------------
+
+    def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return all that the world has become: arrays by name, and plain values that JSON holds.
+
+        Contacts are forgotten on the way (the solver's hidden memory of the last tick), so that a
+        world that lives on from here and one that is restored from here stay bit-identical.
+        """
+        state = self._now()
+        self._physics = Physics(self.scenario.arena, self._radius, state.position, state.alive)
+        arrays = {name: array.copy() for name, array in state.arrays().items()}
+        plain = {f.name: getattr(state, f.name) for f in fields(state) if f.name not in arrays}
+        streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
+        return arrays, {"seed": self._seed, "state": plain, "rng": streams}
+
+    def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> Tick:
+        """Become the world that `snapshot` returned, and return what its agents perceive.
+
+        Raises EcologyError, the world being unchanged, where the snapshot is of another world.
+        """
+        fresh = Ecology(self.scenario)
+        fresh.reset_arrays(values["seed"])
+        state = fresh._now()
+        known = {name: (array.shape, array.dtype) for name, array in state.arrays().items()}
+        given = {name: (array.shape, array.dtype) for name, array in arrays.items()}
+        differ = sorted(name for name in known.keys() | given.keys() if known.get(name) != given.get(name))
+        require(
+            not differ and values["rng"].keys() == fresh._rng.keys(),
+            f"the snapshot is of another world than {self.scenario.name!r}: {', '.join(differ) or 'rng'} "
+            "differ in shape or type; restore it with the scenario and the settings that it was made with.",
+        )
+        for name, array in arrays.items():
+            setattr(state, name, array.copy())
+        for name, value in values["state"].items():
+            setattr(state, name, value)
+        for name, stream in values["rng"].items():
+            fresh._rng[name].bit_generator.state = stream
+        self._seed, self._rng, self._state = fresh._seed, fresh._rng, state
+        self._physics = Physics(self.scenario.arena, self._radius, state.position, state.alive)
+        self.agents = [self.name_of(int(slot)) for slot in np.flatnonzero(state.alive)]
+        self._feel()
+        return self._look(np.zeros(self.size), np.zeros(self.size, bool), np.zeros(self.size, bool))
+
     # ---- the PettingZoo border -----------------------------------------------------------
 
     def name_of(self, slot: int) -> str:
@@ -365,6 +416,7 @@ class Ecology(ParallelEnv):
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Advance one tick; every living agent needs an action, an index into its action space."""
         self._now()
+        require(isinstance(actions, Mapping), f"actions are a dict, name to action, got {actions!r}.")
         before = [self._slot_of[name] for name in self.agents]
         array = np.zeros(self.size, np.int64)
         missing = [name for name in self.agents if name not in actions]

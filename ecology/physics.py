@@ -67,7 +67,7 @@ class Physics:
         substeps = max(1, math.ceil(fastest * dt / self.smallest - 1e-9))
         h = dt / substeps
         command, buffer, space = self._command, self._buffer, self.space
-        space.collision_bias = 0.1 ** (1.0 / h)  # nine tenths of an overlap go in one substep
+        space.collision_bias = 0.8 ** (1.0 / h)  # a fifth of an overlap goes in one; more throws crowds about
         after = position
         for _ in range(substeps):
             command[:-1, 0:2] = after
@@ -91,11 +91,13 @@ def inside_polygon(vertices: Floats, points: Floats) -> Bools:
     """Return which points (n, 2) lie strictly inside the polygon (W, 2): crossings of a ray, (n,)."""
     x, y = points[:, 0, None], points[:, 1, None]
     x1, y1 = vertices[:, 0], vertices[:, 1]
-    x2, y2 = np.roll(x1, -1), np.roll(y1, -1)
-    spans = (y1 > y) != (y2 > y)  # (n, W)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = x1 + (y - y1) * (x2 - x1) / (y2 - y1)
-    return (np.count_nonzero(spans & (x < crossing), axis=1) % 2).astype(bool)
+    x2, y2 = vertices[np.arange(-1, len(vertices) - 1)].T  # the vertex before
+    above = y1 > y  # (n, W)
+    spans = above != (y2 > y)
+    rise = y2 - y1
+    # the ray from (x, y) to the right crosses the edge: x < x1 + (y - y1) (x2 - x1) / rise
+    left = ((x - x1) * rise < (y - y1) * (x2 - x1)) == (rise > 0)
+    return (np.count_nonzero(spans & left, axis=1) & 1).astype(bool)
 
 
 def _outward(vertices: Floats, by: float) -> Floats:

@@ -64,7 +64,7 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
         phase=rows(season("phase")),
         ageing=ageing,
         noise=noise,
-        low=rows(lambda need: need.bounds[0]),
+        low=rows(lambda need: need.low),
         high=rows(lambda need: need.bounds[1]),
         lethal=lethal,
         regulated=rows(lambda need: need.regulated),

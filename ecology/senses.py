@@ -37,9 +37,8 @@ def layout(species: Species, arena: Arena) -> Layout:
     corners = np.array(arena.vertices)
     low, high = corners.min(axis=0), corners.max(axis=0)
     rows: list[tuple[str, str, float, float, float, bool]] = [
-        (need.name, "deviation", need.scale, b - need.set_point, t - need.set_point, need.regulated)
+        (need.name, "deviation", need.scale, need.low - need.set_point, need.bounds[1] - need.set_point, need.regulated)
         for need in species.needs
-        for b, t in [need.bounds]
     ]
     for sense in species.senses:
         if sense == "position":

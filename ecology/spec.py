@@ -63,6 +63,7 @@ class Need:
     ageing: float = 0.0  # (c) growth of the decay per unit of age
     noise: float = 0.0  # (d) standard deviation per square root of a unit of time
     bounds: tuple[float, float] = (0.0, math.inf)  # x is kept within, or the agent dies beyond
+    floor: float = -math.inf  # x is raised to it; unlike the bounds it may lie above the set point
     lethal: bool = False  # leaving the bounds kills instead of being clamped
     regulated: bool = True  # whether the deviation counts in the drive
 
@@ -90,11 +91,21 @@ class Need:
             low <= self.x0 <= high,
             f"{owner}: the bounds {self.bounds!r} must include the start {self.x0!r}.",
         )
+        require(
+            self.floor <= self.x0 and not (self.lethal and math.isfinite(self.floor)),
+            f"{owner}: the floor {self.floor!r} must not lie above the start {self.x0!r}, and a lethal need "
+            "has none: its bounds are where it dies.",
+        )
 
     @property
     def x0(self) -> float:
         """Return the value at birth."""
         return self.set_point if self.start is None else self.start
+
+    @property
+    def low(self) -> float:
+        """Return the lowest value: the lower bound, or the floor where that lies higher."""
+        return max(self.bounds[0], self.floor)
 
     @property
     def scale(self) -> float:

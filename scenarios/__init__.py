@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,7 +18,9 @@ HERE = Path(__file__).parent
 
 def names() -> list[str]:
     """Return the names of the scenarios that ship, sorted."""
-    return sorted(path.stem for path in HERE.glob("*.py") if path.stem != "cli" and not path.stem.startswith("_"))
+    return sorted(
+        path.stem for path in HERE.glob("*.py") if path.stem != "cli" and not path.stem.startswith("_")
+    )
 
 
 def module(name: str) -> ModuleType:
@@ -59,14 +61,13 @@ def module(name: str) -> ModuleType:
 
 def settings(name: str) -> dict[str, Any]:
     """Return the settings of the scenario `name` with their defaults: the parameters of `build`."""
-    parameters = inspect.signature(module(name).build).parameters
-    return {key: parameter.default for key, parameter in parameters.items()}
+    return _defaults(name, module(name).build)
 
 
 def load(name: str, /, **changes: Any) -> Scenario:
     """Return the scenario `name` (or the file at that path) with `changes` to its settings."""
     build = module(name).build
-    defaults = {key: p.default for key, p in inspect.signature(build).parameters.items()}
+    defaults = _defaults(name, build)
     resolved = {**defaults, **_checked(name, defaults, changes)}
     try:
         scenario = build(**resolved)
@@ -85,6 +86,16 @@ def load(name: str, /, **changes: Any) -> Scenario:
     return dataclasses.replace(scenario, settings=resolved)
 
 
+def _defaults(name: str, build: Callable[..., Any]) -> dict[str, Any]:
+    parameters = inspect.signature(build).parameters
+    for key, parameter in parameters.items():
+        if parameter.default is inspect.Parameter.empty:
+            raise EcologyError(
+                f"every parameter of `build` is a setting with a default; in scenario {name!r} {key!r} has none."
+            )
+    return {key: parameter.default for key, parameter in parameters.items()}
+
+
 def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     checked = {}
     for key, value in changes.items():
@@ -99,7 +110,7 @@ def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any])
         elif isinstance(default, tuple):
             good = isinstance(value, (tuple, list)) and len(value) == len(default)
             value = tuple(value) if good else value
-        elif default is None or default is inspect.Parameter.empty:
+        elif default is None:
             good = True
         else:
             good = isinstance(value, type(default))

@@ -20,9 +20,9 @@ ARENA = Arena(
 )  # fmt: skip
 PLACES = ((0.5, 4.25), (3.5, 1.5), (7.0, 5.5), (5.5, 0.75))
 WALK, RUN, TURN = 0.1, 0.3, 2 * math.pi / 5  # per unit of time
-TIRES_WALKING, TIRES_RUNNING, TIRES_TURNING, RECOVERS = 0.01, 0.05, 0.001, 0.008  # muscle fatigue
-RUN_UP_TO, WALK_UP_TO = 3.0, 6.0  # muscle fatigue at which running and walking close
-WAKING, SLEEPING, NAP, COLLAPSE = 0.001, 0.011, 50.0, 10.0  # sleep fatigue
+TIRES_WALKING, TIRES_RUNNING, TIRES_TURNING, RECOVERS = 0.003, 0.03, 0.0005, 0.002  # muscle fatigue
+RUN_UP_TO, WALK_UP_TO = 1.5, 3.0  # muscle fatigue at which running and walking close
+WAKING, SLEEPING, NAP, COLLAPSE = 0.0005, 0.0055, 50.0, 5.0  # sleep fatigue
 
 
 def build(

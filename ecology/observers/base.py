@@ -19,7 +19,7 @@ class Mind(Protocol):
         ...
 
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:
-        """Return -ln(gamma) J, drive units, (m,) at states (m, D) for the agent in `slot`; None without a J."""
+        """Return -ln(gamma) J, drive units, (m,) at states (m, D), of the agent in `slot`, or None."""
         ...
 
 

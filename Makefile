@@ -1,0 +1,36 @@
+# Everything lives in .venv: the packages of constraints.txt and the project itself.
+# Another Python: make PYTHON=python3.12 install
+# A smaller torch, without CUDA: make PIP_FLAGS="--extra-index-url https://download.pytorch.org/whl/cpu" install
+PYTHON ?= python3
+PIP_FLAGS ?=
+PYTEST_FLAGS ?=
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+RUN := runs/paper-0
+
+.PHONY: install paper test check
+
+install: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 install")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet $(PIP_FLAGS) -c constraints.txt -e '.[dev]'
+	@touch $@
+
+# run once; a run that was stopped goes on where it stopped
+paper: install
+	@if [ ! -e $(RUN)/config.toml ]; then $(BIN)/ecology run paper --out $(RUN); \
+	elif [ ! -e $(RUN)/summary.json ] || grep -q '"stopped_at"' $(RUN)/summary.json; then \
+	$(BIN)/ecology run --resume $(RUN); fi
+	@[ -e $(RUN)/evaluation.json ] || $(BIN)/ecology evaluate $(RUN)
+	@echo "The results lie in $(RUN): summary.json, evaluation.json and figures/."
+	@echo "Watch the life with: $(BIN)/ecology view $(RUN)"
+
+test: install
+	$(BIN)/pytest $(PYTEST_FLAGS)
+
+check: install
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy

@@ -1,0 +1,605 @@
+"""What a learner has come to: its life, its maps, its choices and its knowledge against the true world.
+
+All measures are taken without learning, with a little exploration, on the true world. `evaluate` puts
+them together; `ABOUT` says what each key of its report means.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from agents import loop
+from agents.base import Learner
+from agents.baselines import Greedy, Random, Rest
+from agents.movements import BLOCKED
+from agents.planner import Camping, Paths, Planner, served
+from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
+from ecology.actions import ActionTable, compile_actions
+from ecology.life import scatter
+from ecology.observers.base import Mind
+from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
+from ecology.state import Bools, Floats, Ints
+
+BASELINES = ("planner", "camping", "greedy", "random", "rest")
+EPSILON = 0.05  # exploration while evaluated
+BLOCK = 500  # ticks whose mean is one observation of the bootstrap
+CONFIDENCE, RESAMPLES = 0.95, 2000
+NEAR = 1.0  # length within which a map's minimum counts as at the resource
+PROBES, PROBE_TICKS = 60, 600  # places per need, and ticks within which something must be eaten
+PATIENCE = 20  # ticks between two looks at what a probe has eaten
+STATES, STARTS = 200, 20  # states of the deviation check, and random starts of its second half
+FORGOTTEN = 0.01  # share of the discounted future that a truncation leaves out
+DEPRIVED, SATED = -1.0, 0.4  # needs at a random start lie between these times x*
+PER_MOVEMENT = 20  # states in which each movement's f is checked
+LONGEST = 2000  # ticks of a movement
+
+ABOUT: Mapping[str, str] = {
+    "mean_drive": "mean of the drive over ticks `skip` to `ticks` of a life from birth, no learning, for the "
+    "learner (epsilon 0.05) and for each baseline in the same world; `low` and `high` bound the 95 % "
+    "interval of a bootstrap over blocks of 500 ticks, `blocks` how many there were",
+    "closed_gap": "(camping - learned) / (camping - planner) of the mean drives: 0 is no better than "
+    "camping, 1 as good as the planner",
+    "deviation_maps": "-ln(gamma) J in drive units over the arena, need i at -x_i*, all else 0 (the "
+    "paper's results figure): where its minimum lies, how far from the resource that serves the need, and "
+    "the rank correlation (Spearman) of J with the walking distance to that resource; 1 is best",
+    "probe": "put at random places with one need at its floor and all else as at birth: the share of "
+    "trials in which the resource that serves the need is eaten first, and how often each was",
+    "deviation_check": "J against the discounted drive -ln(gamma) int gamma^(s-t) d(s) ds measured along "
+    "the same policy: `life` from states of the life above, `random_starts` from states met after random "
+    "starts; bias is the mean of J minus measured, all in drive units",
+    "transition_check": "f against the true change, per movement: the share of the squared change "
+    "explained (1 is perfect, 0 no better than predicting no change) and the error of the predicted "
+    "duration in units of time",
+}
+
+
+# ---- lives -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Life:
+    """T ticks in the life of the n slots of one species; row t is before tick t, the last after all."""
+
+    zeta: Floats  # (T + 1, n, D)
+    masks: Bools  # (T + 1, n, A)
+    drive: Floats  # (T + 1, n)
+    alive: Bools  # (T + 1, n)
+    actions: Ints  # (T, n) executed
+
+
+class Diary:
+    """An observer that keeps a life of the species of `group`."""
+
+    def __init__(self, group: Group, tick: Tick) -> None:
+        self.group = group
+        self.ticks = [tick]
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Need no preparation."""
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Keep a tick."""
+        self.ticks.append(tick)
+
+    def end(self) -> None:
+        """Leave nothing open."""
+
+    def actions(self) -> Ints:
+        """Return the actions executed so far, (T, n)."""
+        rows = [tick.action[self.group.slots] for tick in self.ticks[1:]]
+        return np.array(rows, np.int64).reshape(len(rows), self.group.size)
+
+    def life(self) -> Life:
+        """Return all that was kept."""
+        name, slots = self.group.name, self.group.slots
+        return Life(
+            zeta=np.array([tick.observations[name] for tick in self.ticks], float),
+            masks=np.array([tick.masks[name] for tick in self.ticks]),
+            drive=np.array([tick.drive[slots] for tick in self.ticks]),
+            alive=np.array([tick.alive[slots] for tick in self.ticks]),
+            actions=self.actions(),
+        )
+
+
+def company(env: Ecology, learner: Learner) -> dict[str, Learner]:
+    """Return who acts for each species: `learner` for its own, all others rest."""
+    found = {name: learner for name in env.groups if name == learner.group.name}
+    if not found:
+        raise EcologyError(
+            f"the learner is of the species {learner.group.name!r}, which the scenario "
+            f"{env.scenario.name!r} does not have; evaluate it in the world that it lived in."
+        )
+    others = [group for group in env.groups.values() if group.name != learner.group.name]
+    return found | {group.name: Rest(group, np.random.SeedSequence(0)) for group in others}
+
+
+def live(env: Ecology, learner: Learner, tick: Tick, ticks: int) -> Life:
+    """Return a life of `ticks` ticks from `tick`, the learner's movements begun anew."""
+    acting, diary = company(env, learner), Diary(learner.group, tick)
+    learner.begin()
+    loop.run(env, acting, tick, ticks, [diary])
+    return diary.life()
+
+
+def mean_drive(scenario: Scenario, learner: Learner, ticks: int, seed: int, skip: int = 1000) -> Floats:
+    """Return the drive (ticks - skip,) of a fresh start, averaged over the living of the learner's species.
+
+    The learner does not learn and explores with epsilon 0.05.
+    """
+    return drive_series(fresh_life(scenario, learner, ticks, seed), skip)
+
+
+def fresh_life(scenario: Scenario, learner: Learner, ticks: int, seed: int) -> Life:
+    """Return a life of `ticks` ticks from birth, without learning and with epsilon 0.05."""
+    learner.evaluating(EPSILON)
+    env = Ecology(scenario)
+    return live(env, learner, env.reset_arrays(seed), ticks)
+
+
+def drive_series(life: Life, skip: int) -> Floats:
+    """Return the drive from tick `skip` on, averaged over the living, up to the last death."""
+    alive, drive = life.alive[skip + 1 :], life.drive[skip + 1 :]
+    some = alive.any(axis=1)
+    return (drive * alive).sum(axis=1)[some] / alive.sum(axis=1)[some]
+
+
+def interval(series: Floats, seed: int = 0) -> dict[str, float | int | None]:
+    """Return the mean of a series of ticks with its bootstrap interval over blocks of 500."""
+    if not len(series):
+        return {"mean": None, "low": None, "high": None, "blocks": 0}
+    blocks = np.array([block.mean() for block in np.array_split(series, max(1, round(len(series) / BLOCK)))])
+    mean = low = high = float(np.mean(series))
+    if np.ptp(blocks) > 1e-12:
+        found = stats.bootstrap(
+            (blocks,),
+            np.mean,
+            n_resamples=RESAMPLES,
+            confidence_level=CONFIDENCE,
+            method="percentile",
+            random_state=np.random.default_rng(seed),
+        ).confidence_interval
+        low, high = min(float(found.low), mean), max(float(found.high), mean)
+    return {"mean": mean, "low": low, "high": high, "blocks": len(blocks)}
+
+
+# ---- deviation maps ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Deviation maps of k needs over a grid of places where a body fits, NaN elsewhere."""
+
+    grid: Grid
+    needs: tuple[int, ...]  # k
+    resources: tuple[int, ...]  # k the resource that serves the need, -1 without
+    value: Floats  # (k, rows, columns) drive units
+    walk: Floats  # (k, rows, columns) walking distance to the resource's circle
+
+    def minimum(self, i: int) -> tuple[float, float]:
+        """Return where map `i` has its minimum."""
+        row, column = np.unravel_index(np.nanargmin(self.value[i]), self.value[i].shape)
+        return float(self.grid.x[column]), float(self.grid.y[row])
+
+
+def serving(scenario: Scenario, table: ActionTable) -> dict[int, int]:
+    """Return the resource that serves each need, by index: the one whose consumption raises it most."""
+    found: dict[int, tuple[float, int]] = {}
+    for resource in range(len(scenario.resources)):
+        need, act = served(table, resource)
+        if need >= 0 and table.control[act, need] > found.get(need, (0.0, -1))[0]:
+            found[need] = (float(table.control[act, need]), resource)
+    return {need: resource for need, (_, resource) in found.items()}
+
+
+def maps_of(scenario: Scenario, learner: Learner, slot: int = 0) -> Maps | None:
+    """Return the deviation maps of the agent in `slot` of its species; None without a J or sense of place."""
+    group = learner.group
+    species = scenario.species[group.index]
+    paths = Paths(scenario.arena, species.radius)
+    grid = cover(scenario.arena)
+    places = np.stack(np.meshgrid(grid.x, grid.y), axis=-1)  # (rows, columns, 2)
+    grid = replace(grid, inside=grid.inside & paths.fits(places))
+    value = deviation_maps(species, group, learner, slot, grid)
+    if value is None:
+        return None
+    serves = serving(scenario, compile_actions(species, scenario.resources, len(species.needs)))
+    needs = mapped_needs(species)
+    walk = np.full(value.shape, np.nan)
+    for i, need in enumerate(needs):
+        if need in serves:
+            resource = scenario.resources[serves[need]]
+            distance = paths.distance(places[grid.inside], resource.position)
+            walk[i][grid.inside] = np.maximum(distance - resource.radius, 0.0)
+    resources = tuple(serves.get(need, -1) for need in needs)
+    return Maps(grid=grid, needs=tuple(needs), resources=resources, value=value, walk=walk)
+
+
+def correlation(rank: bool, a: Floats, b: Floats) -> float | None:
+    """Return Spearman's (by `rank`) or Pearson's correlation; None where one of them does not vary."""
+    if len(a) < 3 or np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
+        return None
+    return float((stats.spearmanr if rank else stats.pearsonr)(a, b).statistic)
+
+
+def maps_report(maps: Maps, scenario: Scenario, group: Group) -> dict[str, Any]:
+    """Return, per need, where the minimum lies and how the map follows the walking distance."""
+    species = scenario.species[group.index]
+    told: dict[str, Any] = {}
+    for i, (need, served_by) in enumerate(zip(maps.needs, maps.resources, strict=True)):
+        if served_by < 0:
+            continue
+        resource, inside = scenario.resources[served_by], maps.grid.inside
+        at = maps.minimum(i)
+        distance = math.dist(at, resource.position)
+        reached = np.isfinite(maps.walk[i][inside])
+        told[species.needs[need].name] = {
+            "resource": resource.name,
+            "minimum": list(at),
+            "distance_of_minimum": distance,
+            "minimum_within_1": distance <= NEAR,
+            "spearman_with_walking_distance": correlation(
+                True, maps.value[i][inside][reached], maps.walk[i][inside][reached]
+            ),
+            "lowest": float(np.nanmin(maps.value[i])),
+            "highest": float(np.nanmax(maps.value[i])),
+        }
+    return told
+
+
+# ---- the probe ---------------------------------------------------------------------------
+
+
+def put(env: Ecology, group: Group, position: Floats, heading: Floats, internal: Floats) -> Tick:
+    """Put the n agents of `group` at `position` (n, 2), `heading` (n,), x `internal` (n, V), at leisure."""
+    now = env.state_view
+    fields = {"position": position, "heading": heading, "internal": internal}
+    fields |= {"hold": np.zeros(group.size), "bound_for": np.full(group.size, -1)}
+    fields |= {"action": np.full(group.size, group.kinds.index("rest"))}
+    whole = {}
+    for name, value in fields.items():
+        whole[name] = getattr(now, name).copy()
+        if name == "internal":
+            whole[name][group.slots, : value.shape[1]] = value
+        else:
+            whole[name][group.slots] = value
+    return env.put(**whole)
+
+
+def probe(
+    scenario: Scenario, learner: Learner, seed: int, places: int = PROBES, limit: int = PROBE_TICKS
+) -> dict[str, Any]:
+    """Return, per need, what is eaten first from `places` random places with that need at its floor.
+
+    All else is as at birth. A trial ends with the first meal or after `limit` ticks.
+    """
+    learner.evaluating(EPSILON)
+    env, group = Ecology(scenario), learner.group
+    species, n = scenario.species[group.index], group.size
+    table = compile_actions(species, scenario.resources, len(species.needs))
+    serves = serving(scenario, table)
+    rng = np.random.default_rng(seed)
+    names = [resource.name for resource in scenario.resources]
+    told: dict[str, Any] = {}
+    for need in mapped_needs(species):
+        if need not in serves:
+            continue
+        eaten: list[int] = []
+        waited: list[int] = []
+        for _ in range(math.ceil(places / n)):
+            env.reset_arrays(seed)
+            internal = np.tile([each.x0 for each in species.needs], (n, 1))
+            internal[:, need] = species.needs[need].low
+            heading = rng.uniform(-np.pi, np.pi, n)
+            tick = put(env, group, scatter(scenario.arena, species.radius, n, rng), heading, internal)
+            first, after = first_meals(env, learner, tick, table, limit)
+            eaten += first.tolist()
+            waited += after[first == serves[need]].tolist()
+        counts = {name: eaten.count(r) for r, name in enumerate(names)} | {"nothing": eaten.count(-1)}
+        told[species.needs[need].name] = {
+            "resource": names[serves[need]],
+            "trials": len(eaten),
+            "share_right": eaten.count(serves[need]) / len(eaten),
+            "first_eaten": counts,
+            "median_ticks_when_right": float(np.median(waited)) if waited else None,
+        }
+    return told
+
+
+def first_meals(
+    env: Ecology, learner: Learner, tick: Tick, table: ActionTable, limit: int
+) -> tuple[Ints, Ints]:
+    """Return the resource that each agent eats first, -1 without, and after how many ticks, both (n,)."""
+    diary = Diary(learner.group, tick)
+    learner.begin()
+    acting = company(env, learner)
+    while True:
+        meals = table.consumes[diary.actions()]  # (t, n)
+        fed: Bools = np.any(meals >= 0, axis=0)
+        if fed.all() or len(meals) >= limit:
+            break
+        tick = loop.run(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
+    when = (meals >= 0).argmax(axis=0)
+    return np.where(fed, meals[when, np.arange(len(fed))], -1), when
+
+
+# ---- is J what it is said to be? ---------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DeviationCheck:
+    """J and what it stands for, in drive units, at the same states (m,)."""
+
+    learned: Floats
+    measured: Floats
+
+    def report(self) -> dict[str, Any]:
+        """Return how well they agree."""
+        error = self.learned - self.measured
+        return {
+            "states": len(error),
+            "correlation": correlation(False, self.learned, self.measured),
+            "bias": float(error.mean()) if len(error) else None,
+            "root_mean_square_error": float(np.sqrt((error**2).mean())) if len(error) else None,
+            "mean_measured": float(self.measured.mean()) if len(error) else None,
+        }
+
+
+def discounted(drive: Floats, gamma: float, dt: float) -> Floats:
+    """Return -ln(gamma) int gamma^(s-t) d(s) ds from each tick on, (T,), the last drive lasting for ever."""
+    keep = gamma**dt
+    ahead = np.array(drive, float)
+    for t in range(len(drive) - 2, -1, -1):
+        ahead[t] = (1 - keep) * 0.5 * (drive[t] + drive[t + 1]) + keep * ahead[t + 1]
+    return ahead
+
+
+def horizon(gamma: float, dt: float) -> int:
+    """Return the ticks after which 1 % of the discounted future is left."""
+    return math.ceil(math.log(FORGOTTEN) / math.log(gamma) / dt)
+
+
+def compare_deviation(
+    learner: Learner,
+    lives: Sequence[tuple[Life, int, int]],
+    gamma: float,
+    states: int,
+    rng: np.random.Generator,
+) -> DeviationCheck:
+    """Return J against the measured discounted drive at `states` states drawn from lives.
+
+    Each life comes with the slot whose J is meant and its first tick to be drawn; its last ticks,
+    whose future is cut off, are left out.
+    """
+    zeta, measured, slots = [], [], []
+    for life, slot, first in lives:
+        last = len(life.drive) - horizon(gamma, learner.group.dt)
+        stays = np.flatnonzero(life.alive[:, slot].cumprod())
+        ahead = discounted(life.drive[: len(stays), slot], gamma, learner.group.dt)
+        at = np.arange(min(first, max(last, 0)), min(max(last, 0), len(stays)))
+        at = rng.choice(at, min(len(at), math.ceil(states / len(lives))), replace=False)
+        zeta.append(life.zeta[at, slot])
+        measured.append(ahead[at])
+        slots.append(np.full(len(at), slot))
+    where, whose = np.concatenate(zeta).astype(np.float32), np.concatenate(slots)
+    learned = np.zeros(len(where))
+    for slot in np.unique(whose):
+        learned[whose == slot] = learner.deviation(int(slot), where[whose == slot])
+    return DeviationCheck(learned=learned, measured=np.concatenate(measured))
+
+
+def random_starts(scenario: Scenario, learner: Learner, seed: int, starts: int, ticks: int) -> list[Life]:
+    """Return lives of `ticks` ticks from random places and random needs, at least `starts` over all slots."""
+    learner.evaluating(EPSILON)
+    env, group, n = Ecology(scenario), learner.group, learner.group.size
+    species, rng = scenario.species[group.index], np.random.default_rng(seed)
+    found = []
+    for _ in range(math.ceil(starts / n)):
+        env.reset_arrays(seed)
+        internal = np.tile([need.x0 for need in species.needs], (n, 1))
+        for i, need in enumerate(species.needs):
+            if need.set_point > 0:
+                drawn = need.set_point * (1 + rng.uniform(DEPRIVED, SATED, n))
+                internal[:, i] = np.clip(drawn, need.low, need.bounds[1])
+        heading = rng.uniform(-np.pi, np.pi, n)
+        tick = put(env, group, scatter(scenario.arena, species.radius, n, rng), heading, internal)
+        found.append(live(env, learner, tick, ticks))
+    return found
+
+
+# ---- is f what the world does? -----------------------------------------------------------
+
+
+def transition_check(
+    scenario: Scenario,
+    learner: Learner,
+    lives: Sequence[Life],
+    seed: int,
+    slot: int = 0,
+    states: int = PER_MOVEMENT,
+) -> dict[str, Any] | None:
+    """Return f against the true change per movement, at states of `lives` in which it is open.
+
+    None for a learner that does not tell its f: one without `moves` and `predict`.
+    """
+    moves, predict = getattr(learner, "moves", None), getattr(learner, "predict", None)
+    if moves is None or predict is None:
+        return None
+    group, rng = learner.group, np.random.default_rng(seed)
+    env = Ecology(scenario)
+    env.reset_arrays(seed)
+    zeta = np.concatenate([life.zeta[life.alive[:, slot], slot] for life in lives])
+    open_ = moves.open(np.concatenate([life.masks[life.alive[:, slot], slot] for life in lives]))  # (m, M)
+    angle = np.array(group.layout.kinds) == "angle"
+    told: dict[str, Any] = {}
+    for m, name in enumerate(moves.names):
+        at = np.flatnonzero(open_[:, m])
+        at = rng.choice(at, min(len(at), states), replace=False)
+        if not len(at):
+            told[name] = {"states": 0, "share_explained": None, "duration": None, "duration_error": None}
+            continue
+        guess = predict(slot, zeta[at].astype(np.float32))
+        true, lasted = zip(*(carry_out(env, learner, m, zeta[i], slot) for i in at), strict=True)
+        change = np.array(true) - zeta[at]
+        error = guess["change"][:, m] - change
+        for difference in (change, error):
+            difference[:, angle] = (difference[:, angle] + np.pi) % (2 * np.pi) - np.pi
+        scale = group.layout.scale
+        whole = float(((change / scale) ** 2).sum())
+        told[name] = {
+            "states": len(at),
+            "share_explained": 1 - float(((error / scale) ** 2).sum()) / whole if whole > 1e-12 else None,
+            "duration": float(np.mean(lasted)) * group.dt,
+            "duration_error": float(np.abs(guess["duration"][:, m] - np.array(lasted) * group.dt).mean()),
+        }
+    return told
+
+
+def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot: int) -> tuple[Floats, int]:
+    """Return zeta (D,) after the learner's `movement` from `zeta`, in the true world, and its ticks."""
+    moves, group = learner.moves, learner.group  # type: ignore[attr-defined]
+    species, names = env.scenario.species[group.index], list(group.layout.names)
+    where = [names.index("x"), names.index("y")] if "x" in names else []
+    now, me = env.state_view, group.slots.start + slot
+    position, heading = now.position[group.slots].copy(), now.heading[group.slots].copy()
+    internal = np.tile([need.x0 for need in species.needs], (group.size, 1))
+    if where:
+        position[slot] = zeta[where]
+    if "heading" in names:
+        heading[slot] = zeta[names.index("heading")]
+    internal[slot] = zeta[: len(species.needs)] + [need.set_point for need in species.needs]
+    put(env, group, position, heading, internal)
+    actions = np.zeros(env.size, np.int64)
+    for other in env.groups.values():
+        actions[other.slots] = other.kinds.index("rest")
+    stage, left, ticks, before = 0, int(moves.ticks[movement, 0]), 0, position[slot]
+    while ticks < LONGEST:
+        ticks += 1
+        actions[me] = moves.action[movement, stage]
+        tick = env.step_arrays(actions)
+        left -= 1
+        here, mask = env.state_view.position[me], tick.masks[group.name][slot]
+        way = moves.way[movement, stage]
+        over = left <= 0 or (way > 0 and math.dist(here, before) < BLOCKED * way)
+        before = here.copy()
+        if over and stage == 0 and moves.ticks[movement, 1] > 0:
+            stage, left, over = 1, int(moves.ticks[movement, 1]), False
+        if not mask[moves.action[movement, stage]] or (over and mask.sum() > 1):
+            break
+    return tick.observations[group.name][slot].astype(float), ticks
+
+
+# ---- everything --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What an evaluation found: the report for evaluation.json and the arrays behind the figures."""
+
+    report: dict[str, Any]
+    life: Life  # of the learner, from birth
+    maps: Maps | None
+    checks: dict[str, DeviationCheck]  # "life" and "random_starts"
+
+
+def evaluate(
+    scenario: Scenario,
+    learner: Learner,
+    seed: int = 0,
+    *,
+    slot: int = 0,
+    ticks: int = 10_000,
+    skip: int = 1000,
+    places: int = PROBES,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Findings:
+    """Measure `learner`, trained for its species of `scenario`, against the baselines and the true world.
+
+    The learner stops learning for good; agents of other species rest. `slot` counts within the species
+    and says whose maps and checks are meant; drives and probes are averaged over all. `tell` is called
+    with a line before each part. Raises EcologyError where `skip` leaves no ticks.
+    """
+    if not 0 <= skip < ticks:
+        raise EcologyError(
+            f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped."
+        )
+    group = learner.group
+    tell("living")
+    life = fresh_life(scenario, learner, ticks, seed)
+    drives = {"learned": interval(drive_series(life, skip))}
+    for name in BASELINES:
+        tell(f"living as {name}")
+        try:
+            other = baseline(name, scenario, group, seed, ticks)
+        except EcologyError:
+            continue  # a world in which this one cannot live: nothing to walk to
+        drives[name] = interval(mean_drive(scenario, other, ticks, seed, skip))
+    tell("maps")
+    maps = maps_of(scenario, learner, slot)
+    tell("probe")
+    probed = probe(scenario, learner, seed, places)
+    checks: dict[str, DeviationCheck] = {}
+    gamma = getattr(getattr(learner, "settings", None), "gamma", None)
+    lives = [life]
+    if gamma is not None and learner.deviation(slot, life.zeta[:1, slot].astype(np.float32)) is not None:
+        tell("deviation check")
+        rng, far = np.random.default_rng(seed), horizon(gamma, group.dt)
+        starts = random_starts(scenario, learner, seed, STARTS, far + far // 4)
+        lives += starts
+        checks["life"] = compare_deviation(learner, [(life, slot, skip)], gamma, STATES, rng)
+        checks["random_starts"] = compare_deviation(
+            learner, [(each, slot, 0) for each in starts], gamma, STATES, rng
+        )
+    tell("transition check")
+    report = {
+        "scenario": scenario.name,
+        "species": group.name,
+        "learner": type(learner).__name__.lower(),
+        "slot": slot,
+        "seed": seed,
+        "ticks": ticks,
+        "skip": skip,
+        "epsilon": EPSILON,
+        "mean_drive": drives,
+        "closed_gap": closed_gap(drives),
+        "deviation_maps": maps_report(maps, scenario, group) if maps is not None else None,
+        "probe": probed,
+        "deviation_check": {
+            "gamma": gamma,
+            "truncation_error_at_most": FORGOTTEN * float(life.drive.max()),
+            **{name: check.report() for name, check in checks.items()},
+        }
+        if checks
+        else None,
+        "transition_check": transition_check(scenario, learner, lives, seed, slot),
+        "about": dict(ABOUT),
+    }
+    return Findings(report=report, life=life, maps=maps, checks=checks)
+
+
+def closed_gap(drives: Mapping[str, Mapping[str, Any]]) -> float | None:
+    """Return (camping - learned) / (camping - planner), None where the two do not differ."""
+    try:
+        learned, camping, planner = (drives[name]["mean"] for name in ("learned", "camping", "planner"))
+    except KeyError:
+        return None
+    return (camping - learned) / (camping - planner) if camping - planner > 0.01 * planner else None
+
+
+def baseline(name: str, scenario: Scenario, group: Group, seed: int, ticks: int) -> Learner:
+    """Return one of `BASELINES`, ready to be evaluated over `ticks`; the greedy one has learned as long."""
+    stream = np.random.SeedSequence(seed)
+    if name == "planner":
+        return Planner(group, stream, scenario)
+    if name == "camping":
+        return Camping(group, stream, scenario)
+    if name == "greedy":
+        greedy, env = Greedy(group, stream), Ecology(scenario)
+        loop.run(env, company(env, greedy), env.reset_arrays(seed), ticks)
+        return greedy
+    return {"random": Random, "rest": Rest}[name](group, stream)

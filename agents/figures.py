@@ -1,0 +1,284 @@
+"""The figures of an evaluation, as PNG files; colours are told apart by colour-blind readers too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+
+from agents.evaluation import DeviationCheck, Findings, Life, Maps
+from ecology import EcologyError, Scenario, Species
+from ecology.observers import recorder
+from ecology.observers.colours import need_colour, resource_colours, shaded
+from ecology.state import Floats
+
+DPI = 130
+SHOWN = 3000  # ticks of a life that are drawn, from its beginning
+INK, FAINT, LEARNED = "#222222", "#999999", "#0072B2"  # blue of Okabe and Ito (2008)
+SMOOTH = 200  # points of a loss curve, at most
+LINES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), "-.", (0, (7, 1.5, 1.5, 1.5, 1.5, 1.5)))
+
+
+def rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
+    """Return a colour of 0 to 255 as matplotlib wants it."""
+    r, g, b = colour
+    return r / 255, g / 255, b / 255
+
+
+def arena(ax: Axes, scenario: Scenario, highlight: int = -1, labels: bool = True) -> None:
+    """Draw walls and resources; `highlight` is the resource that the picture is about, -1: all alike."""
+    vertices = np.array(scenario.arena.vertices, float)
+    ax.add_patch(Polygon(vertices, closed=True, fill=False, edgecolor=INK, linewidth=2.0, zorder=3))
+    colours = resource_colours(scenario)
+    for i, resource in enumerate(scenario.resources):
+        meant = highlight in (-1, i)
+        ax.add_patch(
+            Circle(
+                resource.position,
+                resource.radius,
+                facecolor=(*rgb(colours[i]), 0.85) if meant else (1, 1, 1, 0.25),
+                edgecolor="white" if highlight >= 0 else INK,
+                linewidth=1.8 if meant else 0.8,
+                zorder=4,
+            )
+        )
+        if labels:
+            x, y = resource.position
+            ax.text(x, y, str(i + 1), ha="center", va="center", fontsize=8, zorder=5, color=INK)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    margin = 0.03 * float((high - low).max())
+    ax.set_xlim(low[0] - margin, high[0] + margin)
+    ax.set_ylim(low[1] - margin, high[1] + margin)
+    ax.set_aspect("equal")
+    ax.set_xlabel("x, length")
+    ax.set_ylabel("y, length")
+
+
+def deviation_maps(maps: Maps, scenario: Scenario, species: Species, told: Mapping[str, Any]) -> Figure:
+    """Draw the paper's panels: J over the arena, one need at its worst in each."""
+    count = len(maps.needs)
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(5.6 * columns, 4.3 * rows), layout="constrained")
+    half = maps.grid.cell / 2
+    extent = (
+        maps.grid.x[0] - half, maps.grid.x[-1] + half, maps.grid.y[0] - half, maps.grid.y[-1] + half,
+    )  # fmt: skip
+    for i, need in enumerate(maps.needs):
+        ax = figure.add_subplot(rows, columns, i + 1)
+        image = ax.imshow(
+            maps.value[i], origin="lower", extent=extent, cmap="viridis", interpolation="nearest"
+        )
+        arena(ax, scenario, highlight=maps.resources[i])
+        ax.plot(*maps.minimum(i), marker="x", color="#D55E00", markersize=10, markeredgewidth=2.8, zorder=6)
+        words = species.needs[need]
+        title = f"({'abcdefgh'[i % 8]}) {words.name} at $-x^*$ = {-words.set_point:g}, all else 0"
+        rank = told.get(words.name, {}).get("spearman_with_walking_distance")
+        if rank is not None:
+            title += f"\nrank correlation with walking distance {rank:.2f}"
+        ax.set_title(title, fontsize=10)
+        figure.colorbar(image, ax=ax, label=r"$-\ln(\gamma)\,J$, drive units", shrink=0.9)
+    figure.suptitle("Deviation function over the arena; the cross marks its minimum", fontsize=11)
+    return figure
+
+
+def internal_states(life: Life, scenario: Scenario, species: Species, slot: int = 0) -> Figure:
+    """Draw the deviations of the needs, the fatigues and the drive over the beginning of a life."""
+    ticks = min(SHOWN, len(life.actions))
+    time = np.arange(ticks + 1) * scenario.dt
+    groups = [
+        (title, rows)
+        for title, rows in (
+            (r"deviation $x - x^*$", [i for i, n in enumerate(species.needs) if n.set_point > 0]),
+            ("fatigue $x$", [i for i, n in enumerate(species.needs) if n.set_point <= 0]),
+        )
+        if rows
+    ]
+    figure = Figure(figsize=(10, 2.6 * (len(groups) + 1)), layout="constrained")
+    axes = figure.subplots(len(groups) + 1, 1, sharex=True, squeeze=False)[:, 0]
+    for ax, (title, rows) in zip(axes, groups, strict=False):
+        for k, i in enumerate(rows):
+            ax.plot(
+                time,
+                life.zeta[: ticks + 1, slot, i],
+                color=rgb(shaded(need_colour(i), 0.85)),
+                linestyle=LINES[k % len(LINES)],
+                linewidth=1.4,
+                label=species.needs[i].name.replace("_", " "),
+            )
+        ax.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        ax.set_ylabel(title)
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+    axes[-1].plot(time, life.drive[: ticks + 1, slot], color=INK, linewidth=1.2)
+    axes[-1].set_ylim(bottom=0)
+    axes[-1].set_ylabel("drive $d$")
+    axes[-1].set_xlabel("time")
+    axes[-1].set_xlim(0, time[-1])
+    axes[0].set_title("Internal states from birth, without learning", fontsize=11)
+    return figure
+
+
+def trajectory(
+    life: Life, scenario: Scenario, species: Species, layout: Sequence[str], slot: int = 0
+) -> Figure:
+    """Draw the path through the arena over the beginning of a life, coloured by time, meals marked."""
+    ticks = min(SHOWN, len(life.actions))
+    where = [list(layout).index("x"), list(layout).index("y")]
+    path = life.zeta[: ticks + 1, slot][:, where]
+    time = np.arange(ticks + 1) * scenario.dt
+    figure = Figure(figsize=(8.5, 6), layout="constrained")
+    ax = figure.add_subplot()
+    arena(ax, scenario)
+    pieces = np.stack([path[:-1], path[1:]], axis=1)
+    lines = LineCollection(
+        list(pieces), cmap="viridis", array=time[:-1], linewidths=1.3, alpha=0.85, zorder=2
+    )
+    ax.add_collection(lines)
+    eats = np.array([action.kind == "consume" for action in species.actions])[life.actions[:ticks, slot]]
+    ax.scatter(
+        path[:-1][eats, 0], path[:-1][eats, 1], s=14, color="#D55E00", zorder=6, label="meals", linewidths=0
+    )
+    ax.scatter(
+        path[0, 0], path[0, 1], marker="s", s=50, facecolor="white", edgecolor=INK, zorder=7, label="birth"
+    )
+    figure.colorbar(lines, ax=ax, label="time", shrink=0.9)
+    ax.legend(loc="lower right", fontsize=9)
+    ax.set_title("Path from birth, without learning", fontsize=11)
+    return figure
+
+
+def losses(tick: Floats, columns: Mapping[str, Floats]) -> Figure:
+    """Draw losses (T,) by name over the ticks (T,), smoothed by a running median."""
+    figure = Figure(figsize=(9, 3.0 * len(columns)), layout="constrained")
+    axes = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, (name, value) in zip(axes, columns.items(), strict=True):
+        good = np.isfinite(value) & (value > 0)
+        at, value = tick[good], value[good]
+        ax.plot(at, value, color=FAINT, linewidth=0.5, alpha=0.7, label="sampled ticks")
+        if len(at):
+            parts = np.array_split(np.arange(len(at)), min(SMOOTH, len(at)))
+            ax.plot(
+                [at[p].mean() for p in parts],
+                [np.median(value[p]) for p in parts],
+                color=LEARNED,
+                linewidth=1.8,
+                label="median of neighbouring ticks",
+            )
+            ax.set_yscale("log")
+        ax.set_ylabel({"loss_f": "$L_f$", "loss_J": "$L_J$"}.get(name, name))
+        ax.legend(loc="upper right", fontsize=8)
+    axes[-1].set_xlabel("tick")
+    axes[0].set_title("Losses over the agent's life", fontsize=11)
+    return figure
+
+
+def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Figure:
+    """Draw the mean drive of the learner and of those it is measured against, with intervals."""
+    rows = sorted((d["mean"], name) for name, d in drives.items() if d["mean"] is not None)
+    figure = Figure(figsize=(8, 0.55 * len(rows) + 1.6), layout="constrained")
+    ax = figure.add_subplot()
+    for i, (mean, name) in enumerate(rows):
+        d = drives[name]
+        ax.barh(i, mean, color=LEARNED if name == "learned" else "#BBBBBB", height=0.65)
+        ax.errorbar(
+            mean, i, xerr=[[mean - d["low"]], [d["high"] - mean]], color=INK, capsize=4, linewidth=1.3
+        )
+        ax.text(d["high"], i, f"  {mean:.2f}", va="center", fontsize=9)
+    ax.set_yticks(range(len(rows)), [name for _, name in rows])
+    ax.invert_yaxis()
+    ax.set_xlim(0, 1.12 * max(drives[name]["high"] for _, name in rows))
+    ax.set_xlabel("mean drive, drive units (less is better); 95 % interval")
+    title = "Mean drive on the same world"
+    ax.set_title(
+        title if gap is None else f"{title}; {gap:.0%} of the way from camping to planner", fontsize=11
+    )
+    return figure
+
+
+def deviation_check(checks: Mapping[str, DeviationCheck]) -> Figure:
+    """Draw J against the discounted drive measured along the same policy."""
+    figure = Figure(figsize=(6.4, 6), layout="constrained")
+    ax = figure.add_subplot()
+    words = {"life": "along a life", "random_starts": "after random starts"}
+    marks = {"life": ("o", LEARNED), "random_starts": ("^", "#D55E00")}
+    ends = [np.concatenate([c.learned, c.measured]) for c in checks.values()]
+    low = min((1.05 * float(e.min()) for e in ends if len(e) and e.min() < 0), default=0.0)
+    high = 1.05 * max((float(e.max()) for e in ends if len(e)), default=1.0)
+    ax.plot([low, high], [low, high], color=FAINT, linewidth=1.2, zorder=1)
+    for name, check in checks.items():
+        told = check.report()
+        mark, colour = marks.get(name, ("s", INK))
+        label = words.get(name, name)
+        if told["correlation"] is not None:
+            label += f": correlation {told['correlation']:.2f}, bias {told['bias']:+.2f}"
+        ax.scatter(
+            check.measured, check.learned, s=18, marker=mark, facecolor="none", edgecolor=colour, label=label
+        )
+    ax.set_xlim(low, high)
+    ax.set_ylim(low, high)
+    ax.set_aspect("equal")
+    ax.set_xlabel("discounted drive measured along the policy, drive units")
+    ax.set_ylabel(r"learned $-\ln(\gamma)\,J$, drive units")
+    ax.legend(loc="upper left", fontsize=8)
+    ax.set_title("Deviation function against what it stands for", fontsize=11)
+    return figure
+
+
+def draw(
+    folder: Path, scenario: Scenario, findings: Findings, layout: Sequence[str], metrics: Path | None = None
+) -> list[Path]:
+    """Write the figures of `findings` to `folder` as PNG and return their paths.
+
+    `layout` names the components of zeta, `metrics` is the run's metrics.parquet for the losses. A
+    figure for which there is nothing to show (a learner without a J) is left out.
+    """
+    told, life = findings.report, findings.life
+    species = next(s for s in scenario.species if s.name == told["species"])
+    slot = told["slot"]
+    figures: dict[str, Figure] = {}
+    if findings.maps is not None:
+        figures["deviation_maps"] = deviation_maps(findings.maps, scenario, species, told["deviation_maps"])
+    figures["internal_states"] = internal_states(life, scenario, species, slot)
+    if "x" in layout:
+        figures["trajectory"] = trajectory(life, scenario, species, layout, slot)
+    if metrics is not None:
+        tick, columns = read_losses(metrics, species.name)
+        if columns:
+            figures["losses"] = losses(tick, columns)
+    figures["baselines"] = baselines(told["mean_drive"], told["closed_gap"])
+    if findings.checks:
+        figures["deviation_check"] = deviation_check(findings.checks)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, figure in figures.items():
+        paths.append(folder / f"{name}.png")
+        FigureCanvasAgg(figure)
+        figure.savefig(paths[-1], dpi=DPI)
+    return paths
+
+
+def read_losses(metrics: Path, species: str) -> tuple[Floats, dict[str, Floats]]:
+    """Return the sampled ticks (T,) and the losses (T,) by name, averaged over the species, if any."""
+    try:
+        table = recorder.read(metrics)
+    except EcologyError:
+        return np.zeros(0), {}
+    names = [name for name in ("loss_f", "loss_J") if name in table.column_names]
+    table = table.filter(np.array(table["species"].to_pylist()) == species)
+    ticks, row = np.unique(table["tick"].to_numpy(), return_inverse=True)
+    found = {}
+    for name in names:
+        value = np.asarray(table[name].to_numpy(), float)
+        good = np.isfinite(value)
+        count = np.bincount(row[good], minlength=len(ticks))
+        total = np.bincount(row[good], value[good], minlength=len(ticks))
+        if count.any():
+            found[name] = np.divide(total, count, out=np.full(len(ticks), np.nan), where=count > 0)
+    return ticks.astype(float), found

@@ -1,0 +1,92 @@
+"""Colours that watchers share: fixed, and told apart by colour-blind readers too."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+
+from ecology.scenario import Scenario
+from ecology.spec import Species
+
+Colour = tuple[int, int, int]
+
+# Okabe and Ito (2008), without black and in an order that keeps neighbours apart
+PALETTE: tuple[Colour, ...] = (
+    (230, 159, 0),  # orange
+    (86, 180, 233),  # sky blue
+    (0, 158, 115),  # bluish green
+    (240, 228, 66),  # yellow
+    (213, 94, 0),  # vermillion
+    (204, 121, 167),  # reddish purple
+    (0, 114, 178),  # blue
+    (170, 170, 170),  # grey
+)
+# the first is for a species alone; the others lie off the scale that shows the drive
+SPECIES: tuple[Colour, ...] = ((245, 245, 245), *(PALETTE[i] for i in (1, 2, 5, 3, 6, 4, 0, 7)))
+RESTING, SLEEPING = (105, 110, 120), (95, 85, 165)
+MOVING, TURNING = (215, 220, 230), (150, 156, 168)
+SHADES = 256
+
+
+def need_colour(index: int) -> Colour:
+    """Return the colour of a species' need by its place among the needs."""
+    return PALETTE[index % len(PALETTE)]
+
+
+def species_colour(index: int) -> Colour:
+    """Return the colour of a species by its place in the scenario."""
+    return SPECIES[index % len(SPECIES)]
+
+
+def resource_colours(scenario: Scenario) -> list[Colour]:
+    """Return a colour per resource: that of the first need which its consumption restores, if any."""
+    colours = [PALETTE[i % len(PALETTE)] for i in range(len(scenario.resources))]
+    row = {resource.name: i for i, resource in enumerate(scenario.resources)}
+    for species in reversed(scenario.species):
+        column = {need.name: i for i, need in enumerate(species.needs)}
+        for action in species.actions:
+            fed = [name for name, rate in action.control.items() if rate > 0]
+            if action.kind == "consume" and fed:
+                colours[row[str(action.resource)]] = need_colour(column[fed[0]])
+    return colours
+
+
+def action_colours(scenario: Scenario, species: Species) -> list[Colour]:
+    """Return a colour per action: by kind, and by resource for going there (dark) and consuming (bright)."""
+    food = dict(zip((r.name for r in scenario.resources), resource_colours(scenario), strict=True))
+    plain = {"rest": RESTING, "sleep": SLEEPING, "move": MOVING, "turn": TURNING}
+    colours = []
+    for action in species.actions:
+        colour = plain[action.kind] if action.kind in plain else food[str(action.resource)]
+        colours.append(shaded(colour, 0.55) if action.kind == "go_to" else colour)
+    return colours
+
+
+def shaded(colour: Colour, light: float) -> Colour:
+    """Return `colour` at a share `light` of its brightness."""
+    r, g, b = (round(light * part) for part in colour)
+    return r, g, b
+
+
+def highest_drive(scenario: Scenario) -> float:
+    """Return the drive at the top of the colour scale: every regulated need off by its ordinary size."""
+    return max(
+        math.sqrt(s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated))
+        for s in scenario.species
+    )
+
+
+@functools.cache
+def scale(name: str) -> np.ndarray:
+    """Return the colour scale `name` as uint8 (SHADES, 3), dark to bright; its darkest tenth is left out."""
+    from matplotlib import colormaps  # slow to load
+
+    return (colormaps[name](np.linspace(0.1, 1.0, SHADES))[:, :3] * 255).round().astype(np.uint8)
+
+
+def shade(name: str, value: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return the colours of `value` (...) between `low` and `high` on the scale `name`, uint8 (..., 3)."""
+    share = np.clip((np.nan_to_num(value, nan=low) - low) / max(high - low, 1e-9), 0.0, 1.0)
+    return scale(name)[(share * (SHADES - 1)).round().astype(int)]

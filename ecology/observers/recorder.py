@@ -1,0 +1,223 @@
+"""Metrics in columns: one row per sampled tick and living agent, in a parquet file.
+
+While the run goes on, rows go to `metrics.parquet.parts/`, a folder of complete parquet files that
+any parquet reader opens as one table; `end` joins them into `metrics.parquet` and removes the
+folder. A run that is killed leaves the folder, and with it everything but the last half minute:
+`read` opens either.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from ecology.env import Ecology, Tick
+from ecology.observers.base import Mind
+from ecology.spec import require
+from ecology.state import State
+
+ROWS = 65_536  # of a part, at most, and of a row group of the joined file
+SECONDS = 30.0  # of the clock between parts, at most
+FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "reward", "action")
+
+
+class Recorder:
+    """Writes ticks, bodies, internal states and the minds' own numbers to `metrics.parquet`.
+
+    Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
+    name, drive, reward, action, and one per number that a mind reports. A variable that a species
+    does not have is null. Memory is bounded by `ROWS` rows.
+    """
+
+    def __init__(self, path: Path | str, every: int = 10, *, resume: bool = False) -> None:
+        """Write to `path` every `every` ticks; with `resume`, after the rows up to the present tick."""
+        self._path, self._every, self._resume = Path(path), every, resume
+        self._parts = parts_of(self._path)
+        require(
+            isinstance(every, int) and every > 0,
+            f"a recorder samples every so many ticks, a whole number of at least 1; got {every!r}.",
+        )
+        self._rows: dict[str, list[np.ndarray]] = {}
+        self._count, self._number, self._since = 0, 0, time.monotonic()
+        there = self._path.exists() or self._parts.exists()
+        require(
+            resume or not there,
+            f"there are metrics at {str(self._path)!r} already; choose another folder, or resume that run.",
+        )
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Open the parts; a resumed recording keeps its rows up to the present tick."""
+        species = env.scenario.species
+        counts = [s.count for s in species]
+        needs = list(dict.fromkeys(need.name for s in species for need in s.needs))
+        clash = sorted(set(needs) & set(FIXED))
+        require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
+        self._groups = [(group.name, group.slots) for group in env.groups.values()]
+        self._species_of = np.repeat(np.arange(len(species)), counts)
+        self._species = np.array([s.name for s in species])
+        # which column of the state holds each named need, -1 where a species has none
+        place = [{need.name: i for i, need in enumerate(s.needs)} for s in species]
+        self._need_at = {name: np.array([p.get(name, -1) for p in place]) for name in needs}
+        actions = list(dict.fromkeys(a.name for s in species for a in s.actions))
+        self._actions = pa.array(actions)
+        self._action_at = np.zeros((len(species), max(len(s.actions) for s in species)), np.int32)
+        for i, s in enumerate(species):
+            self._action_at[i, : len(s.actions)] = [actions.index(a.name) for a in s.actions]
+        kept = sources(self._path) if self._resume else []
+        self._parts.mkdir(parents=True, exist_ok=True)
+        if kept:
+            joined = self._parts.with_suffix(".joined")
+            _join(kept, joined, until=env.state_view.tick)
+            os.replace(joined, self._path)
+            for part in self._parts.iterdir():
+                part.unlink()
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Take the rows of a sampled tick."""
+        if state.tick % self._every:
+            return
+        slots = np.flatnonzero(state.alive)
+        if not slots.size:
+            return
+        rows = {
+            "tick": np.full(len(slots), state.tick),
+            "time": np.full(len(slots), state.time),
+            "serial": state.serial[slots],
+            "slot": slots,
+            "position": state.position[slots],
+            "heading": state.heading[slots],
+            "internal": state.internal[slots],
+            "drive": tick.drive[slots],
+            "reward": tick.reward[slots],
+            "action": tick.action[slots],
+        }
+        told: dict[str, np.ndarray] = {}
+        for name, span in self._groups:
+            for word, value in minds[name].report().items():
+                told.setdefault(word, np.full(len(state.alive), np.nan))[span] = value
+        rows.update({f"report {word}": value[slots] for word, value in told.items()})
+        if self._rows and rows.keys() != self._rows.keys():  # a mind reports something new
+            self._write()
+        for name, value in rows.items():
+            self._rows.setdefault(name, []).append(value)
+        self._count += len(slots)
+        if self._count >= ROWS or time.monotonic() - self._since > SECONDS:
+            self._write()
+
+    def end(self) -> None:
+        """Join the parts into the one file."""
+        self._write()
+        parts = sources(self._path)
+        if parts:
+            joined = self._parts.with_suffix(".joined")
+            _join(parts, joined)
+            os.replace(joined, self._path)
+        shutil.rmtree(self._parts, ignore_errors=True)
+
+    def _next_part(self) -> Path:
+        self._number += 1
+        return self._parts / f"part-{self._number:06d}.parquet"
+
+    def _write(self) -> None:
+        """Write the rows at hand as one complete part."""
+        self._since = time.monotonic()
+        if not self._count:
+            return
+        rows = {name: np.concatenate(values) for name, values in self._rows.items()}
+        self._rows, self._count = {}, 0
+        target = self._next_part()
+        unfinished = target.with_suffix(".unfinished")
+        pq.write_table(self._table(rows), unfinished, compression="zstd")
+        os.replace(unfinished, target)
+
+    def _table(self, rows: dict[str, np.ndarray]) -> pa.Table:
+        species = self._species_of[rows["slot"]]
+        serials, which = np.unique(rows["serial"], return_inverse=True)
+        kinds = np.zeros(len(serials), int)
+        kinds[which] = species
+        names = pa.array([f"{self._species[k]}_{s}" for k, s in zip(kinds, serials, strict=True)])
+        internal = rows["internal"].astype(np.float32)
+
+        def variable(at: np.ndarray) -> pa.Array:
+            column = at[species]
+            value = internal[np.arange(len(column)), np.maximum(column, 0)]
+            return pa.array(value, mask=column < 0)
+
+        def word(codes: np.ndarray, words: pa.Array) -> pa.Array:
+            return pa.DictionaryArray.from_arrays(codes.astype(np.int32), words).dictionary_decode()
+
+        def number(value: np.ndarray) -> pa.Array:
+            return pa.array(value.astype(np.float32), from_pandas=True)
+
+        columns = {
+            "tick": pa.array(rows["tick"], pa.int64()),
+            "time": pa.array(rows["time"], pa.float64()),
+            "agent": word(which, names),
+            "species": word(species, pa.array(self._species)),
+            "x": number(rows["position"][:, 0]),
+            "y": number(rows["position"][:, 1]),
+            "heading": number(rows["heading"]),
+            **{name: variable(at) for name, at in self._need_at.items()},
+            "drive": number(rows["drive"]),
+            "reward": number(rows["reward"]),
+            "action": word(self._action_at[species, rows["action"]], self._actions),
+        }
+        for name, value in rows.items():
+            told = name.removeprefix("report ")
+            if told != name:
+                require(
+                    told not in columns,
+                    f"a mind reports {told!r}, which is the name of another column of the metrics; "
+                    "report it under another name.",
+                )
+                columns[told] = number(value)
+        return pa.table(columns)
+
+
+def read(path: Path | str) -> pa.Table:
+    """Return the metrics at `path`, from the joined file or from the parts of a run that was stopped."""
+    found = sources(Path(path))
+    require(bool(found), f"there are no metrics at {str(path)!r}; give the metrics.parquet of a run.")
+    return pa.concat_tables([pq.read_table(part) for part in found], promote_options="default")
+
+
+def parts_of(path: Path) -> Path:
+    """Return the folder that holds the parts of the metrics at `path` while they are written."""
+    return path.with_name(path.name + ".parts")
+
+
+def sources(path: Path) -> list[Path]:
+    """Return the files that hold the metrics at `path`, oldest rows first."""
+    return [p for p in (path,) if p.is_file()] + sorted(parts_of(path).glob("part-*.parquet"))
+
+
+def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None:
+    """Write the rows of `parts` (up to the tick `until`) to `target`, in row groups of `ROWS`."""
+    parts = list(parts)
+    schema = pa.unify_schemas([pq.read_schema(part).remove_metadata() for part in parts])
+    with pq.ParquetWriter(target, schema, compression="zstd") as writer:
+        waiting = schema.empty_table()
+        for batch in _batches(parts):
+            table = pa.Table.from_batches([batch])
+            if until is not None:
+                table = table.filter(pc.less_equal(table["tick"], until))
+            waiting = pa.concat_tables([waiting, table], promote_options="default").select(schema.names)
+            while waiting.num_rows >= ROWS:
+                writer.write_table(waiting.slice(0, ROWS).combine_chunks())
+                waiting = waiting.slice(ROWS)
+        if waiting.num_rows:
+            writer.write_table(waiting.combine_chunks())
+
+
+def _batches(parts: Iterable[Path]) -> Iterator[pa.RecordBatch]:
+    for part in parts:
+        with pq.ParquetFile(part) as file:
+            yield from file.iter_batches(ROWS)

@@ -1,0 +1,205 @@
+"""The Rerun viewer as a process: opened on a recording, attached to a run, or served to a browser.
+
+Every process is bound to the loopback address: whoever reaches a viewer's port can read and write.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import urllib.parse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ecology.errors import EcologyError
+from ecology.spec import require
+
+LOOPBACK = "127.0.0.1"
+RECORDING = "recording.rrd"  # in a run's folder
+SERVE_PORT, WEB_PORT = 9876, 9090  # the defaults of Rerun
+TIDYING = 300.0  # seconds granted to putting a recording in order
+
+
+def view(run: Path | str) -> None:
+    """Open the recording of a run (its folder or the file) in the viewer, until it is closed.
+
+    A recording that was cut short is opened as far as it goes. Raises EcologyError where there is
+    no recording, it is not one, or no viewer can be opened.
+    """
+    path = recording_of(Path(run))
+    needs_display(f"copy {str(path)!r} to a machine with a screen and open it there")
+    with tempfile.TemporaryDirectory() as folder:
+        one = whole(path) and not resumed(path).exists()
+        source = path if one else mended(path, Path(folder) / RECORDING)
+        with viewer_process(str(source), "--port", "auto", errors=subprocess.PIPE) as process:
+            try:
+                said = (process.communicate()[1] or b"").decode(errors="replace").strip()
+            except KeyboardInterrupt:
+                return
+        _started(process.returncode, said)
+
+
+def attach(url: str) -> subprocess.Popen[bytes]:
+    """Open the viewer on a run that serves at `url` (`RerunObserver.url`); it outlives the run."""
+    needs_display("use --serve and look from a browser")
+    return _start(url, "--port", "auto", "--expect-data-soon", own_session=True)
+
+
+def serve_browser(url: str, port: int = WEB_PORT) -> tuple[subprocess.Popen[bytes], str]:
+    """Serve the viewer to browsers on this machine; return the process and the address to open."""
+    port = free_port(LOOPBACK, port)
+    process = _start("--serve-web", "--web-viewer-port", str(port), url, own_session=True)
+    return process, f"http://{LOOPBACK}:{port}/?url={urllib.parse.quote(url, safe='')}"
+
+
+def recording_of(run: Path) -> Path:
+    """Return the recording of a run, given its folder or the file; EcologyError where there is none."""
+    path = run / RECORDING if run.is_dir() else run
+    require(path.exists(), f"there is no recording at {str(path)!r}; give the folder of a run that recorded.")
+    with path.open("rb") as file:
+        require(
+            file.read(3) == b"RRF",
+            f"{str(path)!r} is not a Rerun recording, or its start is damaged; record the run again.",
+        )
+    return path
+
+
+def whole(path: Path) -> bool:
+    """Return whether the recording was closed: whether it ends with its footer."""
+    with path.open("rb") as file:
+        file.seek(-min(64, path.stat().st_size), os.SEEK_END)
+        return b"RRF2FOOT" in file.read()
+
+
+def resumed(path: Path) -> Path:
+    """Return where a resumed run records until it ends and the stretches are joined."""
+    return path.with_suffix(".resumed.rrd")
+
+
+def stretches(path: Path) -> list[Path]:
+    """Return the files that hold the recording at `path`: more than one while a run is resumed."""
+    return [part for part in (path, resumed(path)) if part.exists()]
+
+
+def joined(parts: Sequence[Path], target: Path) -> bool:
+    """Join recordings into `target`, in few large chunks; say whether it worked, nothing lost if not."""
+    good = _tidied(parts, target)
+    for part in parts if good else ():
+        if part != target:
+            part.unlink()
+    return good
+
+
+def mended(path: Path, target: Path) -> Path:
+    """Return a copy, at `target`, of a recording that was cut short, as far as it goes."""
+    require(
+        _tidied(stretches(path), target),
+        f"the recording {str(path)!r} is damaged and nothing of it can be read; record the run again.",
+    )
+    return target
+
+
+def free_port(host: str, port: int) -> int:
+    """Return `port`, or one that is free for 0; EcologyError where it is taken."""
+    require(
+        isinstance(port, int) and 0 <= port < 65536, f"a port is a whole number below 65536, got {port!r}."
+    )
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise EcologyError(
+                f"cannot serve at {host}:{port} ({error.strerror}); free the port, or choose another."
+            ) from error
+        return probe.getsockname()[1]
+
+
+def checked_url(url: str) -> str:
+    """Return `url` if it can be a viewer's address."""
+    parts = urllib.parse.urlsplit(url)
+    require(
+        parts.scheme in ("rerun", "rerun+http", "rerun+https")
+        and bool(parts.hostname)
+        and parts.path == "/proxy",
+        f"a viewer's address is rerun+http://HOST:PORT/proxy, got {url!r}.",
+    )
+    return url
+
+
+@contextlib.contextmanager
+def viewer_process(*arguments: str, errors: int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the viewer within a `with`; it is closed at its end."""
+    process = _start(*arguments, errors=errors)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _start(
+    *arguments: str, errors: int = subprocess.DEVNULL, own_session: bool = False
+) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [*_viewer(), "--bind", LOOPBACK, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
+        env=_quiet(),
+        start_new_session=own_session,
+    )
+
+
+def _viewer() -> list[str]:
+    """Return the packaged viewer; the program itself, not the script around it, so that it can be ended."""
+    found = importlib.util.find_spec("rerun_cli")
+    for name in ("rerun", "rerun.exe"):
+        if found and found.origin and (program := Path(found.origin).with_name(name)).is_file():
+            return [str(program)]
+    raise EcologyError("the Rerun viewer is not installed; install rerun-sdk, which brings it.")
+
+
+def _quiet() -> dict[str, str]:
+    return {**os.environ, "RUST_LOG": "error"}
+
+
+def needs_display(instead: str) -> None:
+    """Raise EcologyError where there is no screen, saying what to do `instead`."""
+    screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    require(
+        not sys.platform.startswith("linux") or screen,
+        f"there is no screen to open the viewer on (neither DISPLAY nor WAYLAND_DISPLAY is set); {instead}.",
+    )
+
+
+def _started(code: int, said: str) -> None:
+    require(
+        code <= 0,
+        f"the viewer stopped with the code {code}: {said.splitlines()[-1] if said else 'it said nothing'}",
+    )
+
+
+def _tidied(parts: Sequence[Path], target: Path) -> bool:
+    """Write what can be read of `parts` to `target`, in few large chunks; say whether that was anything."""
+    unfinished = target.with_suffix(".unfinished.rrd")
+    command = [*_viewer(), "rrd", "optimize", *map(str, parts), "-o", str(unfinished)]
+    try:
+        done = subprocess.run(command, check=False, capture_output=True, timeout=TIDYING, env=_quiet())
+        good = done.returncode == 0 and unfinished.stat().st_size > 0 and whole(unfinished)
+    except (OSError, subprocess.TimeoutExpired):
+        good = False
+    if good:
+        os.replace(unfinished, target)
+    unfinished.unlink(missing_ok=True)
+    return good

@@ -1,0 +1,258 @@
+"""What a run is told: the scenario, its settings and who learns in it, resolved from what a user typed."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import os
+import platform
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+import agents
+import ecology
+import scenarios
+from ecology import EcologyError, Scenario
+from ecology.errors import nearest
+
+CONFIG = "config.toml"
+CHECKPOINT_EVERY = 10_000  # ticks
+RECORD_EVERY = 10  # ticks
+PACKAGE = "ecology-sandbox"  # the name under which the project is installed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """Who learns in a species, with every setting resolved."""
+
+    name: str
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Everything that a run is told, resolved; config.toml holds exactly this."""
+
+    scenario: str  # name, or path of a file
+    settings: Mapping[str, Any]  # of the scenario
+    learners: Mapping[str, Choice]  # by species
+    ticks: int
+    seed: int = 0
+    device: str = "cpu"
+    record: bool = True  # whether metrics and a recording are written
+    record_every: int = RECORD_EVERY  # ticks between two rows of an agent
+    checkpoint_every: int = CHECKPOINT_EVERY  # ticks
+
+    def load(self) -> Scenario:
+        """Return the scenario of the run."""
+        changes = dict(self.settings)
+        if "ticks" in scenarios.settings(self.scenario):
+            changes["ticks"] = self.ticks
+        return scenarios.load(self.scenario, **changes)
+
+    def to_toml(self) -> str:
+        """Return the text of config.toml."""
+        words = {
+            **{key: getattr(self, key) for key in PLAIN},
+            "settings": self.settings,
+            "learners": {
+                species: {"name": choice.name, "settings": choice.settings}
+                for species, choice in self.learners.items()
+            },
+            "made_with": {"dt": float(self.load().dt), "python": platform.python_version(), **versions()},
+        }
+        head = "# Repeat this run with: ecology run --config config.toml --out ANOTHER_FOLDER\n"
+        return (
+            head
+            + "# [made_with] says what it was made with and is not read.\n"
+            + tomli_w.dumps(_toml(words, ""))
+        )
+
+
+PLAIN = {  # keys of config.toml that are not tables, and what they are
+    "scenario": str,
+    "ticks": int,
+    "seed": int,
+    "device": str,
+    "record": bool,
+    "record_every": int,
+    "checkpoint_every": int,
+}
+TABLES = ("settings", "learners", "made_with")
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """Return the words of a config.toml; EcologyError where it is not one."""
+    try:
+        words = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise EcologyError(f"the config {str(path)!r} cannot be read: {error.strerror}.") from error
+    except ValueError as error:  # TOML and UTF-8
+        raise EcologyError(f"the config {str(path)!r} is not TOML: {error}.") from error
+    for key, value in words.items():
+        if key not in PLAIN and key not in TABLES:
+            raise EcologyError(
+                f"the config {str(path)!r} has an unknown key {key!r}. {nearest(key, [*PLAIN, *TABLES])}"
+            )
+        kind = PLAIN.get(key, dict)
+        if type(value) is not kind:
+            raise EcologyError(f"the config {str(path)!r}: {key} is a {kind.__name__}, got {value!r}.")
+    for species, choice in words.get("learners", {}).items():
+        good = (
+            isinstance(choice, dict)
+            and set(choice) <= {"name", "settings"}
+            and isinstance(choice.get("name"), str)
+        )
+        if not good or not isinstance(choice.get("settings", {}), dict):
+            raise EcologyError(
+                f"the config {str(path)!r}: [learners.{species}] holds a name and a table settings, "
+                f"got {choice!r}."
+            )
+    return words
+
+
+def resolve(
+    scenario: str | None = None,
+    *,
+    config: Mapping[str, Any] | None = None,
+    changes: Mapping[str, Any] | None = None,
+    learners: Iterable[str] = (),
+    **flags: Any,
+) -> Plan:
+    """Return the plan of a run from what a user typed.
+
+    `config` is as `read_config` returned it; `changes` are settings by name, those of learners as
+    "learner.KEY" or "SPECIES.learner.KEY"; `learners` are "NAME" or "SPECIES=NAME"; `flags` are the
+    plan's other fields, None where not given. What was typed goes before the config, the config
+    before the scenario's defaults.
+    """
+    words, changes = dict(config or {}), dict(changes or {})
+    words |= {key: value for key, value in flags.items() if value is not None}
+    if scenario is None:
+        scenario = words.get("scenario")
+        if scenario is None:
+            raise EcologyError(
+                f"name a scenario to run. Known: {', '.join(scenarios.names())}, or a path to a .py file."
+            )
+    elif words.get("scenario", scenario) != scenario:
+        raise EcologyError(
+            f"the config is of the scenario {words['scenario']!r}, not {scenario!r}; leave the scenario out."
+        )
+    tweaks = {key: changes.pop(key) for key in list(changes) if "." in key}
+    settings = {**words.get("settings", {}), **changes}
+    if "ticks" in scenarios.settings(scenario):  # a setting of that name is the length of the run
+        if flags.get("ticks") is None and "ticks" in changes:
+            words["ticks"] = changes["ticks"]
+        if "ticks" in words:
+            settings["ticks"] = words["ticks"]
+    ticks = words.get("ticks")
+    world = scenarios.load(scenario, **settings)
+    given = words.get("learners", {})
+    chosen = {}
+    for species in world.species:
+        of_config = given.get(species.name, {})
+        name = of_config.get("name", species.learner)
+        own = of_config.get("settings", species.learner_settings if name == species.learner else {})
+        chosen[species.name] = (name, dict(own))
+    for word in learners:
+        species_name, _, name = word.rpartition("=")
+        for owner in _owners(species_name, chosen):
+            if chosen[owner][0] != name:
+                chosen[owner] = (name, {})
+    for unknown in given.keys() - chosen.keys():
+        raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
+    resolved = _tweaked(chosen, tweaks)
+    device = words.get("device", "cpu")
+    _check_device(device, resolved)
+    plan = Plan(
+        scenario=os.path.abspath(scenario) if scenario.endswith(".py") else scenario,
+        settings={key: value for key, value in world.settings.items() if key != "ticks"},
+        learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
+        ticks=world.ticks if ticks is None else ticks,
+        **{key: words[key] for key in PLAIN if key in words and key not in ("scenario", "ticks")},
+    )
+    for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1)):
+        if getattr(plan, key) < low:
+            raise EcologyError(f"{key} must be a whole number of at least {low}, got {getattr(plan, key)!r}.")
+    return plan
+
+
+Chosen = dict[str, tuple[str, dict[str, Any]]]  # species -> learner, settings
+
+
+def _owners(species: str, chosen: Chosen) -> list[str]:
+    """Return the species that are meant: the one named, or all where none is."""
+    if species and species not in chosen:
+        raise EcologyError(f"there is no species {species!r} to learn in. {nearest(species, chosen)}")
+    return [species] if species else list(chosen)
+
+
+def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any]) -> Chosen:
+    """Return every learner with its defaults filled in and `tweaks` applied."""
+    defaults = {owner: agents.settings(name) for owner, (name, _) in chosen.items()}
+    full = {owner: (name, {**defaults[owner], **own}) for owner, (name, own) in chosen.items()}
+    for key, value in tweaks.items():
+        match = re.fullmatch(r"(?:(\w+)\.)?learner\.(\w+)", key)
+        if match is None:
+            raise EcologyError(f"a setting is written KEY, learner.KEY or SPECIES.learner.KEY, got {key!r}.")
+        owners = _owners(match[1] or "", chosen)
+        takers = [owner for owner in owners if match[2] in defaults[owner]]
+        if not takers:
+            names = sorted({full[owner][0] for owner in owners})
+            known = sorted({setting for owner in owners for setting in defaults[owner]})
+            raise EcologyError(
+                f"the learner {' and '.join(names)} has no setting {match[2]!r}. {nearest(match[2], known)}"
+            )
+        for owner in takers:
+            full[owner][1][match[2]] = value
+    return full
+
+
+def _check_device(device: str, chosen: Chosen) -> None:
+    takers = [settings for _, settings in chosen.values() if "device" in settings]
+    for settings in takers:
+        settings["device"] = device
+    if device == "cpu":
+        return
+    if not re.fullmatch(r"cuda(:\d+)?", device):
+        raise EcologyError(f"device is cpu, cuda or cuda:N, got {device!r}.")
+    if not takers:
+        raise EcologyError(f"no learner of this run computes on a device; leave out --device {device}.")
+    import torch  # slow to load, and not every run needs it
+
+    if not torch.cuda.is_available():
+        raise EcologyError(f"the device {device!r} is not there: this torch finds no GPU. Use --device cpu.")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the project and of what it depends on, as installed."""
+    found = {"ecology": ecology.__version__}
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        for requirement in importlib.metadata.requires(PACKAGE) or []:
+            name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+            if "extra ==" not in requirement:
+                found[name] = importlib.metadata.version(name)
+    return found
+
+
+def _toml(value: Any, where: str) -> Any:
+    """Return what TOML holds in the place of `value`; None is left out."""
+    if isinstance(value, Mapping):
+        return {str(k): _toml(v, f"{where}.{k}".lstrip(".")) for k, v in value.items() if v is not None}
+    if isinstance(value, (list, tuple)):
+        return [_toml(v, where) for v in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, (str, bool, int, float)):
+        return value
+    raise EcologyError(
+        f"the setting {where} cannot be written to {CONFIG}: a setting is a number, a word, true or false, "
+        f"or a list of those, got {value!r}."
+    )

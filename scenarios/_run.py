@@ -1,0 +1,358 @@
+"""A run: its life, what it came to, and the folder that it leaves."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import signal
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+import agents
+from agents import checkpoint, loop
+from agents.base import DivergedError
+from ecology import Ecology, EcologyError, Scenario, State, Tick
+from ecology.observers.base import Mind, Observer
+from scenarios._plan import CONFIG, Plan, read_config, resolve
+
+SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
+EVALUATION, FIGURES = "evaluation.json", "figures"
+WRITES = (CONFIG, SUMMARY, CHECKPOINT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
+
+
+# ---- what a run came to ----------------------------------------------------------------------
+
+
+class Tally:
+    """Running sums over a run, an observer: what summary.json says."""
+
+    def __init__(self, scenario: Scenario, env: Ecology, ticks: int) -> None:
+        self._scenario, self._groups = scenario, env.groups
+        needs = max(len(s.needs) for s in scenario.species)
+        self._set_point = np.zeros((env.size, needs))
+        for s, group in zip(scenario.species, env.groups.values(), strict=True):
+            self._set_point[group.slots, : len(s.needs)] = [need.set_point for need in s.needs]
+        self._row = np.arange(env.size)
+        self.tick = 0
+        self._seconds = 0.0  # of wall time, before it last began
+        self._began: float | None = None
+        self.deaths = 0
+        self.births = 0
+        self.closed = 0  # actions asked for that were closed
+        self.returned = 0  # times that the arena put a body back inside
+        self.drive = np.zeros(ticks)  # per tick, summed over the living
+        self.living = np.zeros(ticks, np.int64)  # per tick
+        self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
+        self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
+        self.actions = np.zeros((env.size, max(len(g.actions) for g in env.groups.values())), np.int64)
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Start the clock."""
+        self._began = time.perf_counter()
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Add one tick."""
+        at, alive = state.tick - 1, tick.alive
+        self.tick = state.tick
+        self.drive[at] = tick.drive @ alive
+        self.living[at] = np.count_nonzero(alive)
+        self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
+        self.lived += alive
+        self.actions[self._row, tick.action] += alive
+        self.deaths += int(np.count_nonzero(tick.died))
+        self.births = state.next_serial - len(alive)
+        self.closed, self.returned = int(state.closed.sum()), state.returned
+
+    def end(self) -> None:
+        """Stop the clock."""
+        self._seconds, self._began = self.seconds, None
+
+    @property
+    def seconds(self) -> float:
+        """Return the wall time of the run so far, whatever it waited for."""
+        return self._seconds + (0.0 if self._began is None else time.perf_counter() - self._began)
+
+    def mean_drive(self, start: int = 0) -> float | None:
+        """Return the drive of the living, averaged over agents and ticks from `start` on."""
+        return _share(self.drive[start : self.tick].sum(), self.living[start : self.tick].sum())
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the run has come to."""
+        agent_steps = int(self.living[: self.tick].sum())
+        needs, shares = {}, {}
+        for species, group in zip(self._scenario.species, self._groups.values(), strict=True):
+            lived = self.lived[group.slots].sum()
+            delta = self.delta[group.slots].sum(axis=0)
+            needs[species.name] = {n.name: _share(delta[i], lived) for i, n in enumerate(species.needs)}
+            counts = self.actions[group.slots].sum(axis=0)
+            shares[species.name] = {a: _share(counts[i], lived) for i, a in enumerate(group.actions)}
+        return {
+            "wall_seconds": round(self.seconds, 3),
+            "agent_steps_per_second": _share(agent_steps, self.seconds),
+            "mean_drive": self.mean_drive(),
+            "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10))
+            if self.tick
+            else None,
+            "mean_abs_deviation": needs,
+            "action_shares": shares,
+            "deaths": self.deaths,
+            "births": self.births,
+            "closed_actions": self.closed,
+            "bodies_put_back": self.returned,
+        }
+
+    ARRAYS = ("drive", "living", "delta", "lived", "actions")
+    VALUES = ("tick", "deaths", "births", "closed", "returned")
+
+    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the sums: arrays, and plain values."""
+        arrays = {name: getattr(self, name) for name in self.ARRAYS}
+        arrays["drive"], arrays["living"] = self.drive[: self.tick], self.living[: self.tick]
+        return arrays, {"seconds": self.seconds} | {name: getattr(self, name) for name in self.VALUES}
+
+    def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
+        """Become what `state` returned; the sums of every tick may be longer here."""
+        for name in self.ARRAYS:
+            mine = getattr(self, name)
+            mine[: len(arrays[name])] = arrays[name]
+        for name in self.VALUES:
+            setattr(self, name, values[name])
+        self._seconds = values["seconds"]
+
+
+def _share(part: float, whole: float) -> float | None:
+    """Return part / whole, None of nothing (JSON has no NaN)."""
+    return float(part / whole) if whole > 0 and np.isfinite(part) else None
+
+
+# ---- the run ---------------------------------------------------------------------------------
+
+
+class StoppedError(Exception):
+    """A signal asked the run to stop; it stops after a whole tick."""
+
+    def __init__(self, signum: int) -> None:
+        super().__init__(signal.Signals(signum).name)
+        self.signum = signum
+
+
+class Interrupt:
+    """Turn SIGINT and SIGTERM into a stop after the present tick; an observer, the last one."""
+
+    def __init__(self) -> None:
+        self._signum = 0
+        self._before: dict[int, Any] = {}
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Listen to the signals; only the main thread can."""
+        with contextlib.suppress(ValueError):
+            for signum in (signal.SIGINT, signal.SIGTERM):
+                self._before[signum] = signal.signal(signum, self._heard)
+
+    def _heard(self, signum: int, frame: FrameType | None) -> None:
+        self._signum = signum
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Stop the run where a signal has come."""
+        if self._signum:
+            raise StoppedError(self._signum)
+
+    def end(self) -> None:
+        """Put the signals' former handlers back."""
+        for signum, handler in self._before.items():
+            signal.signal(signum, handler)
+
+
+class Run:
+    """A world with its learners and the folder that the run leaves.
+
+    Building one checks everything and writes nothing; then `start` or `resume`, then `live`.
+    """
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        self.plan, self.folder = plan, folder
+        self.scenario = plan.load()
+        self.env = Ecology(self.scenario)
+        self.learners = {
+            species: agents.make(
+                choice.name, self.env.groups[species], learner_seed(plan.seed, i), choice.settings
+            )
+            for i, (species, choice) in enumerate(plan.learners.items())
+        }
+        self.tally = Tally(self.scenario, self.env, plan.ticks)
+        self.tick = self.env.reset_arrays(plan.seed)
+        self.stopped_by: str | None = None
+
+    @property
+    def now(self) -> int:
+        """Return the number of ticks lived."""
+        return self.env.state_view.tick
+
+    def check_folder(self) -> None:
+        """Raise EcologyError where the folder already holds a run."""
+        holds = [name for name in WRITES if (self.folder / name).exists()]
+        if holds:
+            raise EcologyError(
+                f"the folder {str(self.folder)!r} already holds a run ({', '.join(holds)}); give another "
+                f"--out, or go on with it by --resume {self.folder}."
+            )
+
+    def start(self) -> None:
+        """Make the folder and write the config; EcologyError where it already holds a run."""
+        self.check_folder()
+        text = self.plan.to_toml()
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with (self.folder / CONFIG).open("x", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise EcologyError(
+                f"the folder {str(self.folder)!r} cannot be written: {error.strerror}. Give another --out."
+            ) from error
+
+    def restore(self) -> None:
+        """Become what the checkpoint in the folder holds; EcologyError where it does not fit."""
+        where = self.folder / CHECKPOINT
+        parts = checkpoint.read(where)
+        try:
+            told = parts["run"][1]
+            if told["words"] != self._words():
+                raise EcologyError(
+                    f"the checkpoint {str(where)!r} is of another world: its needs, actions or learners are "
+                    "not those of the scenario now. Restore the scenario file, or start the run anew."
+                )
+            self._longer_than(parts["tally"][1]["tick"] - 1)
+            self.tally.restore(*parts["tally"])
+            for species, learner in self.learners.items():
+                learner.restore(*parts[f"learner_{species}"])
+            self.tick = self.env.restore(*parts["world"])
+        except EcologyError:
+            raise
+        except Exception as error:
+            raise EcologyError(
+                f"the checkpoint {str(where)!r} is damaged or foreign: {type(error).__name__}: {error}. "
+                "Start the run anew."
+            ) from error
+
+    def resume(self) -> None:
+        """Go on from the checkpoint, to the plan's ticks."""
+        self.restore()
+        self._longer_than(self.now)
+        replace_text(self.folder / CONFIG, self.plan.to_toml())
+
+    def _longer_than(self, lived: int) -> None:
+        if self.plan.ticks <= lived:
+            raise EcologyError(
+                f"the run {str(self.folder)!r} has lived its ticks; give more --ticks to go on."
+            )
+
+    def live(self, observers: Sequence[Observer] = ()) -> dict[str, Any]:
+        """Live to the plan's ticks, and return the summary; whatever happens, the folder is left readable.
+
+        Raises StoppedError where a signal came, EcologyError where a network diverged.
+        """
+        interrupt = Interrupt()
+        watchers = (self.tally, *observers, interrupt)
+        every, last = self.plan.checkpoint_every, self.plan.ticks
+        with contextlib.ExitStack() as at_end:
+            first: tuple[Observer, ...] = (interrupt, self.tally)
+            for watcher in (*first, *observers):  # the last to begin is the first to end
+                watcher.begin(self.env, self.learners)
+                at_end.callback(watcher.end)
+            at_end.callback(self._write_summary)
+            try:
+                while self.now < last:
+                    ticks = min(every - self.now % every, last - self.now)
+                    self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers)
+                    self.save()
+            except StoppedError as stopped:
+                self.stopped_by = str(stopped)
+                self.save()
+                raise
+            except DivergedError as error:
+                who = f"tick {self.now}, {self.env.name_of(error.slot)}"
+                self.stopped_by = f"{who}: {error}"
+                raise EcologyError(f"{who}: {error} The run up to there is kept in {self.folder}.") from error
+            except BaseException as error:
+                self.stopped_by = f"{type(error).__name__}: {error}"
+                raise
+        return self.summary()
+
+    def save(self) -> None:
+        """Write the checkpoint."""
+        parts: dict[str, checkpoint.Part] = {
+            "run": ({}, {"words": self._words()}),
+            "tally": self.tally.state(),
+            "world": self.env.snapshot(),
+        }
+        parts |= {f"learner_{species}": learner.state() for species, learner in self.learners.items()}
+        checkpoint.write(self.folder / CHECKPOINT, parts)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what summary.json holds."""
+        head: dict[str, Any] = {
+            "scenario": self.plan.scenario,
+            "learner": {species: choice.name for species, choice in self.plan.learners.items()},
+            "seed": self.plan.seed,
+            "ticks": self.tally.tick,
+        }
+        if self.stopped_by is not None:
+            head |= {"stopped_at": self.tally.tick, "stopped_by": self.stopped_by}
+        return head | self.tally.summary()
+
+    def _words(self) -> dict[str, Any]:
+        """Return the names that a checkpoint must share with the world that it is restored to."""
+        return {
+            s.name: {
+                "count": s.count,
+                "needs": [need.name for need in s.needs],
+                "actions": [action.name for action in s.actions],
+                "senses": list(s.senses),
+                "learner": self.plan.learners[s.name].name,
+            }
+            for s in self.scenario.species
+        }
+
+    def _write_summary(self) -> None:
+        write_json(self.folder / SUMMARY, self.summary())
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write `value` as JSON in the place of the file at `path`; what is not finite becomes null."""
+    replace_text(path, json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write `text` in the place of the file at `path`, which is there whole at any time."""
+    beside = path.with_name(path.name + ".new")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_finite(each) for each in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def learner_seed(seed: int, species: int) -> np.random.SeedSequence:
+    """Return the seed of the learners of the species numbered `species` in a run seeded `seed`."""
+    return np.random.SeedSequence(seed, spawn_key=(LEARNER_STREAM, species))
+
+
+def opened(folder: Path, ticks: int | None = None) -> Run:
+    """Return the run that `folder` holds, its learners and its world as built, not yet restored."""
+    if not (folder / CONFIG).is_file():
+        raise EcologyError(f"the folder {str(folder)!r} holds no run: there is no {CONFIG} in it.")
+    return Run(resolve(config=read_config(folder / CONFIG), ticks=ticks), folder)

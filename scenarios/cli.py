@@ -1,0 +1,425 @@
+"""The command line: the only place that joins worlds, learners, scenarios and those who watch.
+
+What is slow to load (torch, rerun, matplotlib) is loaded by the command that needs it.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+import agents
+import scenarios
+from ecology import Ecology, EcologyError, State, Tick
+from ecology.errors import nearest
+from ecology.observers.base import Mind, Observer
+from scenarios import _run
+from scenarios._plan import read_config, resolve
+from scenarios._run import Run, StoppedError, Tally
+
+REFRESH = 0.25  # seconds between two pictures of the progress bar
+LINE = 10.0  # seconds between two lines of progress where there is no terminal
+EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
+SKIPPED = 1_000  # ticks of a life from birth that are not measured, or its first tenth if that is less
+
+app = typer.Typer(
+    name="ecology",
+    help="An ecology sandbox: self-regulated agents that learn their bodies and their world.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command line; a user's error is one message on stderr and exit code 2."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it; on small networks threads only cost
+    try:
+        app(args=None if words is None else list(words))
+    except EcologyError as error:
+        print(f"ecology: {error}", file=sys.stderr)
+        sys.exit(2)
+    except StoppedError as stopped:
+        sys.exit(128 + stopped.signum)
+
+
+# ---- list and new ----------------------------------------------------------------------------
+
+
+@app.command("list")
+def list_() -> None:
+    """Show the scenarios and the learners, one line each."""
+    where = {name: importlib.util.find_spec(module) for name, (module, _) in agents.LEARNERS.items()}
+    learners = {
+        name: _first_line(Path(spec.origin), agents.LEARNERS[name][1])
+        for name, spec in where.items()
+        if spec is not None and spec.origin is not None
+    }
+    worlds = {name: _first_line(scenarios.HERE / f"{name}.py") for name in scenarios.names()}
+    width = max(map(len, [*worlds, *learners]))
+    for title, lines in (("scenarios", worlds), ("learners", learners)):
+        print(title)
+        for name, line in lines.items():
+            print(f"  {name:<{width}}  {line}")
+
+
+def _first_line(path: Path, cls: str | None = None) -> str:
+    """Return the first line of the docstring of a file, or of a class in it, without running it."""
+    try:
+        node: ast.Module | ast.ClassDef = ast.parse(path.read_text(encoding="utf-8"))
+    except (OSError, SyntaxError) as error:
+        return f"(cannot be read: {error})"
+    if cls is not None:
+        found = [n for n in node.body if isinstance(n, ast.ClassDef) and n.name == cls]
+        if not found:
+            return f"(there is no class {cls} in {path.name})"
+        node = found[0]
+    return (ast.get_docstring(node) or "").partition("\n")[0]
+
+
+@app.command()
+def new(name: Annotated[str, typer.Argument(help="A Python word; NAME.py is written.")]) -> None:
+    """Write a small scenario file, to be changed and run."""
+    name = name.removesuffix(".py")
+    if not name.isidentifier():
+        raise EcologyError(f"the name of a scenario is a Python word (letters, digits and _), got {name!r}.")
+    path = Path(f"{name}.py")
+    text = (scenarios.HERE / "_template.py").read_text(encoding="utf-8").replace("NAME", name)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError as error:
+        raise EcologyError(f"the file {str(path)!r} exists; choose another name.") from error
+    except OSError as error:
+        raise EcologyError(f"the file {str(path)!r} cannot be written: {error.strerror}.") from error
+    print(f"{path} is written. Run it with: ecology run {path}")
+
+
+# ---- run -------------------------------------------------------------------------------------
+
+
+@app.command()
+def run(
+    scenario: Annotated[
+        str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")
+    ] = None,
+    ticks: Annotated[
+        int | None, typer.Option(min=1, help="Length of the run.  [default: the scenario's]")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of everything random.  [default: 0]")] = None,
+    learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME", help="Who learns.")] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="A setting: KEY, learner.KEY or SPECIES.learner.KEY."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the run.  [default: runs/SCENARIO-SEED]")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="A config.toml to repeat.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Folder of a run to go on with.")] = None,
+    view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
+    serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
+    connect: Annotated[
+        str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")
+    ] = None,
+    record: Annotated[
+        bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda or cuda:N.  [default: cpu]")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
+    if resume is not None:
+        _refuse("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
+        _refuse("--resume", record=record, device=device)
+        it = _run.opened(resume, ticks)
+        it.resume()
+    else:
+        plan = resolve(
+            scenario,
+            config=None if config is None else read_config(config),
+            changes=dict(map(_setting, set_ or ())),
+            learners=learner or (),
+            ticks=ticks,
+            seed=seed,
+            device=device,
+            record=record,
+        )
+        it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
+        it.check_folder()
+    observers = _watchers(it, view=view, serve=serve, connect=connect)
+    if resume is None:
+        it.start()
+    if not quiet:
+        observers.append(Progress(it.tally, it.plan.ticks))
+    try:
+        summary = it.live(observers)
+    except StoppedError as stopped:
+        if not quiet:
+            print(
+                f"stopped by {stopped} at tick {it.tally.tick}; go on with: ecology run --resume {it.folder}"
+            )
+        raise
+    if not quiet:
+        _say(it.folder, summary)
+
+
+def _refuse(option: str, **given: Any) -> None:
+    for name, value in given.items():
+        if value is not None and value != []:
+            word = name if name.isupper() else f"--{name}"
+            raise EcologyError(
+                f"{option} goes on with a run as it was told; leave out {word}, or start a run anew."
+            )
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Return key and value of "key=value", the value read as TOML or else as a word."""
+    key, sign, value = text.partition("=")
+    if not sign or not key.strip():
+        raise EcologyError(f"--set takes KEY=VALUE, got {text!r}.")
+    try:
+        read = tomllib.loads(f"value = {value}")
+    except tomllib.TOMLDecodeError:
+        read = {}
+    return key.strip(), read["value"] if set(read) == {"value"} else value
+
+
+def _watchers(it: Run, *, view: bool, serve: bool, connect: str | None) -> list[Observer]:
+    """Return those who record and show the run."""
+    observers: list[Observer] = []
+    resume = it.now > 0
+    if it.plan.record:
+        from ecology.observers.recorder import Recorder  # slow to load
+
+        observers.append(Recorder(it.folder / _run.METRICS, it.plan.record_every, resume=resume))
+    if it.plan.record or view or serve or connect:
+        from ecology.observers.rerun import RerunObserver  # slow to load
+        from ecology.observers.viewer import LOOPBACK, SERVE_PORT
+
+        rerun = RerunObserver(
+            it.folder / _run.RECORDING if it.plan.record else None,
+            every=it.plan.record_every,
+            serve=(LOOPBACK, SERVE_PORT if serve else 0) if view or serve else None,
+            connect=connect,
+            name=it.folder.name,
+            resume=resume,
+        )
+        observers.append(rerun)
+        if rerun.url is not None:
+            observers.append(Audience(rerun.url, view=view, serve=serve))
+    return observers
+
+
+class Audience:
+    """Opens viewers on a run that serves, an observer: the viewer itself, or one for browsers."""
+
+    def __init__(self, url: str, *, view: bool, serve: bool) -> None:
+        from ecology.observers.viewer import needs_display
+
+        if view:
+            needs_display("use --serve and look from a browser")
+        self._url, self._view, self._serve = url, view, serve
+        self._for_browsers: subprocess.Popen[bytes] | None = None
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Open them: what they attach to is there by now."""
+        from ecology.observers import viewer
+
+        if self._view:
+            viewer.attach(self._url)
+        if self._serve:
+            self._for_browsers, address = viewer.serve_browser(self._url)
+            print(f"watch in a browser: {address}\nor in a viewer: rerun --connect {self._url}")
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Leave the watching to the viewers."""
+
+    def end(self) -> None:
+        """Serve browsers no more; a viewer that was opened stays."""
+        if self._for_browsers is not None:
+            self._for_browsers.terminate()
+            self._for_browsers.wait()
+
+
+class Progress:
+    """Show how far the run is, an observer: a bar on a terminal, a line now and then elsewhere."""
+
+    def __init__(self, tally: Tally, ticks: int) -> None:
+        self._tally, self._ticks = tally, ticks
+        self._console = Console(stderr=True)
+        self._every = REFRESH if self._console.is_terminal else LINE
+        self._bar: Any = None
+        self._from, self._then = 0, 0.0  # tick and time of the last picture
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Start the bar."""
+        self._from, self._then = self._tally.tick, time.monotonic()
+        if self._console.is_terminal:
+            from rich import progress  # slow to load
+
+            self._bar = progress.Progress(
+                progress.BarColumn(),
+                progress.TaskProgressColumn(),
+                progress.TextColumn("{task.description}"),
+                progress.TimeRemainingColumn(),
+                console=self._console,
+                auto_refresh=False,
+            )
+            self._bar.start()
+            self._task = self._bar.add_task("", total=self._ticks, completed=self._from)
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Renew the picture, a few times per second at most."""
+        if time.monotonic() >= self._then + self._every:
+            self._show(minds)
+
+    def _show(self, minds: Mapping[str, Mind]) -> None:
+        now, at = time.monotonic(), self._tally.tick
+        parts = [f"{(at - self._from) / max(now - self._then, 1e-9):,.0f} ticks/s"]
+        drive = self._tally.mean_drive(self._from)
+        if drive is not None:
+            parts.append(f"mean drive {drive:.2f}")
+        for key, symbol in (("loss_f", "L_f"), ("loss_J", "L_J")):
+            losses = [np.asarray(report[key]) for mind in minds.values() if key in (report := mind.report())]
+            known = np.concatenate(losses) if losses else np.empty(0)
+            known = known[np.isfinite(known)]
+            if known.size:
+                parts.append(f"{symbol} {known.mean():.3g}")
+        self._from, self._then = at, now
+        if self._bar is not None:
+            self._bar.update(self._task, completed=at, description="  ".join(parts))
+            self._bar.refresh()
+        else:
+            self._console.print(f"tick {at:,} of {self._ticks:,}  {'  '.join(parts)}", highlight=False)
+
+    def end(self) -> None:
+        """Leave the last picture."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=self._tally.tick)
+            self._bar.refresh()
+            self._bar.stop()
+
+
+def _say(folder: Path, summary: Mapping[str, Any]) -> None:
+    drive, last = summary["mean_drive"], summary["mean_drive_last_tenth"]
+    print(
+        f"{summary['ticks']:,} ticks in {summary['wall_seconds']:,.1f} s; mean drive {_figure(drive)}, "
+        f"in the last tenth {_figure(last)}. The run is in {folder}"
+    )
+    watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
+    print(f"next: {watch}ecology evaluate {folder}")
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+# ---- evaluate and view -----------------------------------------------------------------------
+
+
+@app.command()
+def evaluate(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    species: Annotated[str | None, typer.Option(help="Whose learner.  [default: the first]")] = None,
+    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = 10_000,
+    places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
+    seed: Annotated[int | None, typer.Option(min=0, help="[default: the run's + 1000]")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Measure a run's learner against baselines; write evaluation.json and figures."""
+    it = _run.opened(run)
+    if species is not None and species not in it.learners:
+        raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
+    it.restore()
+    learner = it.learners[species or next(iter(it.learners))]
+    from agents import evaluation, figures  # slow to load
+
+    console = Console(stderr=True, quiet=quiet)
+    with console.status("evaluating") as status:
+
+        def tell(words: str) -> None:
+            if console.is_terminal:
+                status.update(words)
+            else:
+                console.print(words, highlight=False)
+
+        findings = evaluation.evaluate(
+            it.scenario,
+            learner,
+            it.plan.seed + EVALUATION_SEED if seed is None else seed,
+            ticks=ticks,
+            skip=min(SKIPPED, ticks // 10),
+            places=places,
+            tell=tell,
+        )
+        tell("figures")
+        _run.write_json(run / _run.EVALUATION, findings.report)
+        metrics = run / _run.METRICS
+        drawn = figures.draw(run / _run.FIGURES, it.scenario, findings, learner.group.layout.names, metrics)
+    if not quiet:
+        _say_findings(findings.report)
+        print(f"written: {run / _run.EVALUATION} and {len(drawn)} figures in {run / _run.FIGURES}")
+
+
+def _say_findings(report: Mapping[str, Any]) -> None:
+    """Print an evaluation as tables."""
+    console = Console()
+    drives = Table(
+        "", "mean drive", "95 % interval", title=f"{report['scenario']}, {report['ticks']:,} ticks"
+    )
+    known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
+    for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
+        interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
+        drives.add_row(name, _figure(drive["mean"]), interval, style="bold" if name == "learned" else None)
+    console.print(drives)
+    if report["closed_gap"] is not None:
+        console.print(f"{report['closed_gap']:.0%} of the way from camping to the planner")
+    maps, probe = report["deviation_maps"] or {}, report["probe"]
+    if maps or probe:
+        needs = Table("need", "minimum of J to resource", "rank correlation", "eaten first")
+        for name in {**maps, **probe}:
+            mapped, right = maps.get(name, {}), probe.get(name, {}).get("share_right")
+            needs.add_row(
+                name,
+                _figure(mapped.get("distance_of_minimum")),
+                _figure(mapped.get("spearman_with_walking_distance")),
+                "-" if right is None else f"{right:.0%}",
+            )
+        console.print(needs)
+    for name, check in (report["deviation_check"] or {}).items():
+        if isinstance(check, Mapping):
+            console.print(
+                f"J against measured drive, {name.replace('_', ' ')}: correlation "
+                f"{_figure(check['correlation'])}, bias {_figure(check['bias'])}",
+                highlight=False,
+            )
+
+
+@app.command()
+def view(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
+) -> None:
+    """Open the recording of a run in the Rerun viewer."""
+    from ecology.observers import viewer  # only here is a viewer looked for
+
+    viewer.view(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""Worlds small enough to work out by hand, and how to live in them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # many small arrays: threads only cost
+
+import numpy as np
+import pytest
+
+from ecology import Arena, Ecology, Need, Resource, Scenario, Species, Tick, consume, go_to, move, rest, turn
+
+
+@pytest.fixture
+def room() -> Callable[..., Scenario]:
+    """Return a maker of a square room with one species; its words can be replaced one by one."""
+
+    def make(
+        *,
+        side: float = 10.0,
+        needs: tuple[Need, ...] = (Need(name="food", set_point=2.0),),
+        actions: tuple[Any, ...] | None = None,
+        food: tuple[float, float] = (5.0, 5.0),
+        vertices: tuple[tuple[float, float], ...] | None = None,
+        dt: float = 1.0,
+        **species: Any,
+    ) -> Scenario:
+        arena = Arena(vertices=vertices or ((0, 0), (side, 0), (side, side), (0, side)))
+        if actions is None:
+            actions = (
+                rest(),
+                move("walk", 0.1),
+                turn("turn_left", np.pi / 2),
+                consume("berries", {needs[0].name: 0.1}),
+                go_to("berries", 0.1),
+            )
+        return Scenario(
+            name="room",
+            arena=arena,
+            resources=(Resource(name="berries", position=food),),
+            species=(Species(**{"name": "agent", "needs": needs, "actions": actions, **species}),),
+            dt=dt,
+        )
+
+    return make
+
+
+@pytest.fixture
+def index() -> Callable[..., int]:
+    """Return the index of an action by its name."""
+
+    def find(env: Ecology, action: str, species: str | None = None) -> int:
+        group = env.groups[species or next(iter(env.groups))]
+        return group.actions.index(action)
+
+    return find
+
+
+@pytest.fixture
+def act(index: Callable[..., int]) -> Callable[..., Tick]:
+    """Return a hand that makes every agent of a one-species world do the same for some ticks."""
+
+    def do(env: Ecology, action: str, ticks: int = 1) -> Tick:
+        wanted = np.full(env.size, index(env, action))
+        for _ in range(ticks):
+            tick = env.step_arrays(wanted)
+        return tick
+
+    return do
+
+
+@pytest.fixture
+def random_actions() -> Callable[..., np.ndarray]:
+    """Return a chooser of one action per slot, open in its mask, or any (`open_only` False)."""
+
+    def choose(env: Ecology, tick: Tick, rng: np.random.Generator, *, open_only: bool = True) -> np.ndarray:
+        wanted = np.zeros(env.size, np.int64)
+        for group in env.groups.values():
+            mask = tick.masks[group.name] if open_only else np.ones((group.size, len(group.actions)), bool)
+            wanted[group.slots] = np.argmax(rng.random(mask.shape) * mask, axis=1)
+        return wanted
+
+    return choose

@@ -1,0 +1,274 @@
+"""What a user types: every command, and every bad input with its one clear error."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import agents
+import scenarios
+from scenarios.cli import main
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def ecology(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Return the command line in an empty folder: words -> exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def type_(*words: str) -> tuple[int, str, str]:
+        code = 0
+        try:
+            main(words)
+        except SystemExit as left:
+            code = int(left.code or 0)
+        return code, *capsys.readouterr()
+
+    return type_
+
+
+@pytest.fixture
+def short(ecology: Command) -> Command:
+    """Return a short run with a learner that needs no time, and more words."""
+    return lambda *words: ecology("run", "--ticks", "30", "--learner", "random", "--no-record", *words)
+
+
+def test_list_names_every_scenario_and_learner(ecology: Command) -> None:
+    """`ecology list` has a line with words on it for each scenario and each learner."""
+    code, out, _ = ecology("list")
+    assert code == 0
+    told = dict(line.split(maxsplit=1) for line in out.splitlines() if line.startswith("  "))
+    assert told.keys() == {*scenarios.names(), *agents.LEARNERS}
+    assert not [name for name, line in told.items() if line.startswith("(")]
+
+
+def test_the_command_line_is_quick_to_start() -> None:
+    """Asking for the list loads neither torch nor rerun nor matplotlib."""
+    code = (
+        "import sys; from scenarios.cli import main\n"
+        "try: main(['list'])\nexcept SystemExit: pass\n"
+        "print('loaded', {'torch', 'rerun', 'matplotlib'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("loaded set()\n")
+
+
+def test_a_new_scenario_runs(ecology: Command, short: Command, tmp_path: Path) -> None:
+    """`ecology new` writes a file that runs by its path, and never overwrites one."""
+    assert ecology("new", "my_world")[0] == 0
+    assert scenarios.load("my_world.py").name == "my_world"
+    text = Path("my_world.py").read_text()
+    assert "NAME" not in text
+    code, out, err = short("my_world.py", "--set", "decay=0.01")
+    assert (code, err) == (0, "")
+    assert str(Path("runs/my_world-0")) in out
+    Path("my_world.py").write_text(text + "\n# mine\n")
+    code, _, err = ecology("new", "my_world")
+    assert code == 2
+    assert "my_world.py" in err
+    assert Path("my_world.py").read_text().endswith("# mine\n")
+    code, _, err = ecology("new", "my-world")
+    assert code == 2
+    assert "'my-world'" in err
+
+
+def test_settings_go_to_the_scenario_and_to_learners(ecology: Command) -> None:
+    """--set takes a scenario's setting, learner.KEY and SPECIES.learner.KEY, read as TOML."""
+    code, _, err = ecology(
+        "run", "paper", "--ticks", "5", "--seed", "3", "--no-record", "--quiet", "--out", "told",
+        "--set", "decay=0.004", "--set", "set_points=[1, 1, 2, 2]", "--set", "commitment=committed",
+        "--set", "learner.gamma=0.9", "--set", "agent.learner.width=8",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    config = tomllib.loads(Path("told/config.toml").read_text())
+    assert config["settings"]["decay"] == 0.004
+    assert config["settings"]["set_points"] == [1, 1, 2, 2]
+    assert config["settings"]["commitment"] == "committed"
+    assert config["learners"]["agent"]["settings"]["gamma"] == 0.9
+    assert config["learners"]["agent"]["settings"]["width"] == 8
+    assert config["learners"]["agent"]["settings"].keys() == agents.settings("hjb").keys()
+    assert (config["seed"], config["ticks"], config["made_with"]["dt"]) == (3, 5, 1.0)
+
+
+BAD = {
+    "scenario": (["papr"], "'paper'"),
+    "no scenario": ([], "paper"),
+    "scenario file": (["nowhere.py"], "nowhere.py"),
+    "learner": (["paper", "--learner", "randon"], "'random'"),
+    "species of a learner": (["paper", "--learner", "agnt=rest"], "'agent'"),
+    "setting": (["paper", "--set", "decy=1"], "'decay'"),
+    "setting's kind": (["paper", "--set", "decay=much"], "'much'"),
+    "setting without a value": (["paper", "--set", "decay"], "KEY=VALUE"),
+    "setting of nobody": (["paper", "--set", "body.decay=1"], "'body.decay'"),
+    "learner's setting": (["paper", "--learner", "hjb", "--set", "learner.gama=1"], "'gamma'"),
+    "learner's setting of a species": (["paper", "--set", "agnt.learner.gamma=1"], "'agent'"),
+    "learner without settings": (["paper", "--set", "learner.gamma=0.9"], "'gamma'"),
+    "learner's value": (["paper", "--learner", "hjb", "--set", "learner.gamma=2"], "gamma"),
+    "ticks": (["paper", "--ticks", "0"], "--ticks"),
+    "seed": (["paper", "--seed", "-1"], "--seed"),
+    "device": (["paper", "--device", "gpu"], "'gpu'"),
+    "device of no use": (["paper", "--device", "cuda"], "cuda"),
+    "viewer's address": (["paper", "--connect", "nowhere"], "'nowhere'"),
+    "config": (["paper", "--config", "nowhere.toml"], "nowhere.toml"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_words_are_one_clear_error(short: Command, case: str) -> None:
+    """A bad word gives exit code 2, a message that names it, no traceback, and no folder."""
+    words, named = BAD[case]
+    code, out, err = short(*words)
+    assert code == 2
+    assert named in err
+    assert "Traceback" not in err
+    assert out == ""
+    assert list(Path().iterdir()) == []
+
+
+BAD_FILES = {
+    "does not parse": ("def build(:", "world.py"),
+    "fails": ("1 / 0", "ZeroDivisionError"),
+    "builds nothing": ("", "build"),
+    "overlapping walls": ("ARENA = ((0, 0), (4, 4), (4, 0), (0, 4))", "walls"),
+    "resource outside": ("PLACE = (9.0, 9.0)", "outside"),
+    "set point outside its bounds": ("SET_POINT = 7.0", "bounds"),
+    "unknown need in an action": ("EATS = 'foood'", "'food'"),
+    "unwritable setting": ("EXTRA = ', rule=max'", "rule"),
+}
+FILE = """
+from ecology import Arena, Need, Resource, Scenario, Species, consume, rest
+ARENA, PLACE, SET_POINT, EATS, EXTRA = ((0, 0), (4, 0), (4, 4), (0, 4)), (1.0, 1.0), 2.0, 'food', ''
+{change}
+exec(f'''def build(decay=0.01{{EXTRA}}):
+    need = Need(name="food", set_point=SET_POINT, decay=decay, bounds=(0.0, 4.0))
+    agent = Species(name="agent", needs=(need,), actions=(rest(), consume("berries", {{{{EATS: 0.1}}}})))
+    return Scenario(name="world", arena=Arena(vertices=ARENA), species=(agent,),
+                    resources=(Resource(name="berries", position=PLACE),))''')
+"""
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_a_bad_scenario_file_is_one_clear_error(short: Command, case: str) -> None:
+    """A scenario file that does not run or contradicts itself gives exit code 2 and says why."""
+    change, named = BAD_FILES[case]
+    whole = case in ("does not parse", "fails", "builds nothing")
+    Path("world.py").write_text(change if whole else FILE.format(change=change))
+    code, _, err = short("world.py")
+    assert code == 2
+    assert named in err
+    assert "Traceback" not in err
+    assert not Path("runs").exists()
+
+
+def test_the_scenario_file_of_these_tests_is_good_unchanged(short: Command) -> None:
+    """The file that the tests of bad files start from runs."""
+    Path("world.py").write_text(FILE.format(change=""))
+    assert short("world.py", "--quiet") == (0, "", "")
+
+
+def test_a_run_is_never_overwritten(short: Command) -> None:
+    """A folder that holds a run is refused by name, and left as it was."""
+    assert short("paper", "--out", "mine")[0] == 0
+    before = {path: path.read_bytes() for path in Path("mine").rglob("*") if path.is_file()}
+    code, _, err = short("paper", "--seed", "5", "--out", "mine")
+    assert code == 2
+    assert "'mine'" in err
+    assert "Traceback" not in err
+    assert {path: path.read_bytes() for path in Path("mine").rglob("*") if path.is_file()} == before
+
+
+def test_an_out_that_is_no_folder_is_an_error(short: Command) -> None:
+    """--out at a file gives exit code 2."""
+    Path("file").write_text("mine")
+    code, _, err = short("paper", "--out", "file")
+    assert code == 2
+    assert "'file'" in err
+    assert Path("file").read_text() == "mine"
+
+
+def test_a_config_repeats_its_run(short: Command, ecology: Command) -> None:
+    """A run from the config.toml of another comes to the same."""
+    assert short("paper", "--out", "first", "--seed", "7", "--set", "decay=0.01")[0] == 0
+    assert ecology("run", "--config", "first/config.toml", "--out", "second")[0] == 0
+    first, second = (json.loads(Path(name, "summary.json").read_text()) for name in ("first", "second"))
+    for figures in (first, second):
+        del figures["wall_seconds"], figures["agent_steps_per_second"]
+    assert first == second
+    assert Path("first/config.toml").read_text() == Path("second/config.toml").read_text()
+
+
+def test_flags_go_before_the_config(short: Command, ecology: Command) -> None:
+    """What is typed beside --config changes that, and nothing else."""
+    assert short("paper", "--out", "first", "--set", "decay=0.01")[0] == 0
+    words = ("--ticks", "11", "--seed", "4", "--learner", "rest", "--set", "intake=0.2")
+    assert ecology("run", "--config", "first/config.toml", "--out", "second", *words)[0] == 0
+    config = tomllib.loads(Path("second/config.toml").read_text())
+    assert (config["ticks"], config["seed"], config["learners"]["agent"]["name"]) == (11, 4, "rest")
+    assert (config["settings"]["decay"], config["settings"]["intake"]) == (0.01, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("scenario = ", "TOML"),
+        ("scenaro = 'paper'", "'scenario'"),
+        ("scenario = 3", "scenario"),
+        ("scenario = 'seasons'", "'seasons'"),
+        ("record_every = 0", "record_every"),
+        ("[settings]\ndecy = 1", "'decay'"),
+        ("[learners.agnt]\nname = 'rest'", "'agent'"),
+        ("[learners]\nagent = 'rest'", "learners.agent"),
+    ],
+)
+def test_a_bad_config_is_one_clear_error(ecology: Command, text: str, named: str) -> None:
+    """A config that is not TOML, or has unknown keys or values, gives exit code 2 and says where."""
+    Path("config.toml").write_text(text)
+    code, _, err = ecology("run", "paper", "--ticks", "5", "--config", "config.toml")
+    assert code == 2
+    assert named in err
+    assert "Traceback" not in err
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize("command", [("run", "--resume"), ("view",), ("evaluate",)])
+def test_a_folder_without_a_run_is_an_error(ecology: Command, command: tuple[str, ...]) -> None:
+    """Going on with, viewing or evaluating a folder that is not there gives exit code 2 and names it."""
+    code, _, err = ecology(*command, "nowhere")
+    assert code == 2
+    assert "nowhere" in err
+    assert "Traceback" not in err
+
+
+def test_evaluate_measures_and_draws(short: Command, ecology: Command) -> None:
+    """`ecology evaluate` restores the learner, and writes evaluation.json and figures to the run's folder."""
+    assert short("seasons", "--out", "mine")[0] == 0
+    code, out, err = ecology("evaluate", "mine", "--ticks", "100", "--places", "1", "--quiet")
+    assert (code, out, err) == (0, "", "")
+    report = json.loads(Path("mine/evaluation.json").read_text())
+    assert (report["scenario"], report["learner"], report["ticks"], report["skip"]) == (
+        "seasons",
+        "random",
+        100,
+        10,
+    )
+    assert report["mean_drive"].keys() >= {"learned", "planner", "camping", "greedy", "random", "rest"}
+    drawn = {path.name for path in Path("mine/figures").iterdir()}
+    assert drawn >= {"internal_states.png", "trajectory.png", "baselines.png"}
+    code, _, err = ecology("evaluate", "mine", "--species", "agnt")
+    assert code == 2
+    assert "'agent'" in err
+
+
+def test_view_needs_a_recording(ecology: Command, short: Command) -> None:
+    """`ecology view` of a run without a recording gives exit code 2 and says so."""
+    assert short("paper", "--out", "mine")[0] == 0
+    code, _, err = ecology("view", "mine")
+    assert code == 2
+    assert "recording" in err

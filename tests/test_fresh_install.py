@@ -1,0 +1,82 @@
+"""The package as others get it: built, installed elsewhere, whole."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import agents
+import ecology
+import scenarios
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("ecology", "agents", "scenarios")
+LINE = "import ecology, agents.loop, scenarios.cli; print(ecology.__file__, agents.__file__)"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder in which the package was installed from a copy of its sources."""
+    source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("target")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps",
+         "--no-build-isolation", "--no-index", "--target", str(target), str(source)],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return target
+
+
+def _python(installed: Path, *words: str) -> str:
+    where = {"PYTHONPATH": str(installed)}
+    done = subprocess.run(
+        [sys.executable, *words], cwd=installed, env=where, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_module_is_installed(installed: Path) -> None:
+    """What lies in the packages' folders here is what an install brings."""
+    for name in PACKAGES:
+        here = {p.relative_to(ROOT) for p in (ROOT / name).rglob("*") if p.is_file() and p.suffix != ".pyc"}
+        there = {p.relative_to(installed) for p in (installed / name).rglob("*") if p.suffix != ".pyc"}
+        assert here - there == set(), "add the package to [tool.setuptools] in pyproject.toml"
+
+
+def test_an_install_works_away_from_the_checkout(installed: Path) -> None:
+    """The installed package imports itself, lists its scenarios and writes a new one."""
+    paths = _python(installed, "-c", LINE).split()
+    assert all(path.startswith(str(installed)) for path in paths)
+    listed = _python(installed, "-m", "scenarios.cli", "list")
+    assert all(name in listed for name in scenarios.names())
+    _python(installed, "-m", "scenarios.cli", "new", "fresh")
+    assert (installed / "fresh.py").is_file()
+
+
+def test_the_project_has_its_names_to_itself() -> None:
+    """`agents` and `scenarios` are this project's; others install packages of these names too."""
+    home = Path(ecology.__file__).parent.parent
+    for package in (agents, scenarios):
+        assert Path(package.__file__ or "").parent.parent == home, (
+            f"another package {package.__name__!r} at {package.__file__} hides the project's; install "
+            "the project into a virtual environment of its own (make install)."
+        )
+
+
+def test_constraints_pin_every_direct_dependency() -> None:
+    """constraints.txt names one version of everything that pyproject.toml asks for."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    names = {line.split(">")[0].split("=")[0] for line in asked}
+    lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
+    assert all("==" in line for line in lines)
+    assert {line.partition("==")[0] for line in lines} == names

@@ -1,0 +1,107 @@
+"""Who may know whom: read from what is loaded and from the source itself."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("ecology", "agents", "scenarios")
+
+
+def loaded_by(statement, tmp_path):
+    """Return what a fresh Python, started elsewhere, has loaded after `statement`: module names and files."""
+    code = (
+        f"{statement}\nimport json, sys\n"
+        "print(json.dumps({name: getattr(module, '__file__', None) for name, module in sys.modules.items()}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def imports(path):
+    """Return the top names of the packages that a source file imports, wherever in it they stand."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module.partition(".")[0])
+    return found
+
+
+def importing(name, package):
+    """Return the files of a package, relative to the root, that import `name`."""
+    files = sorted((ROOT / package).rglob("*.py"))
+    assert files, f"there is no package {package} in {ROOT}"
+    return {path.relative_to(ROOT).as_posix() for path in files if name in imports(path)}
+
+
+def test_importing_ecology_is_light(tmp_path):
+    """`import ecology` loads neither torch nor rerun, and nobody who learns in it or is built on it."""
+    loaded = loaded_by("import ecology", tmp_path)
+    assert "ecology.env" in loaded
+    for heavy in ("torch", "rerun", "matplotlib", "pyarrow", "agents", "scenarios"):
+        assert heavy not in loaded, f"`import ecology` loads {heavy}"
+
+
+def test_importing_scenarios_is_light(tmp_path):
+    """Building a scenario, and listing them, loads neither torch nor rerun nor a learner."""
+    loaded = loaded_by("import scenarios; scenarios.load(scenarios.names()[0])", tmp_path)
+    for heavy in ("torch", "rerun", "agents"):
+        assert heavy not in loaded, f"loading a scenario loads {heavy}"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_packages_are_ours(package, tmp_path):
+    """The names `agents` and `scenarios` are generic: in this environment they are this project's."""
+    found = loaded_by(f"import {package}", tmp_path)[package]
+    ours = ROOT / package / "__init__.py"
+    assert Path(found or "nowhere").resolve() == ours.resolve(), (
+        f"`import {package}` finds {found}, not {ours}: another package has this name. Install the project "
+        f"into a virtual environment of its own (make install), or uninstall the other `{package}`."
+    )
+
+
+@pytest.mark.parametrize("name", ["agents", "scenarios", "torch"])
+def test_ecology_knows_nobody_who_acts(name):
+    """The world imports neither learners nor scenarios nor torch."""
+    assert importing(name, "ecology") == set()
+
+
+@pytest.mark.parametrize("name", ["scenarios", "pymunk", "rerun"])
+def test_agents_know_only_the_words_of_the_world(name):
+    """Those who act import neither scenarios, nor the physics, nor the viewer."""
+    assert importing(name, "agents") == set()
+
+
+def test_only_physics_imports_pymunk():
+    """The solver stays behind one file."""
+    assert set().union(*(importing("pymunk", package) for package in PACKAGES)) == {"ecology/physics.py"}
+
+
+def test_only_the_viewer_imports_rerun():
+    """The viewer stays behind one file."""
+    found = set().union(*(importing("rerun", package) for package in PACKAGES))
+    assert found <= {"ecology/observers/rerun.py"}
+
+
+def test_randomness_is_handed_in():
+    """No file draws from a global random stream: neither `random` nor numpy's or torch's global functions."""
+    for package in PACKAGES:
+        assert importing("random", package) == set()
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Attribute) and ast.unparse(node.value) in (
+                    "np.random",
+                    "numpy.random",
+                ):
+                    assert node.attr in ("Generator", "SeedSequence", "default_rng", "BitGenerator"), path
+                if isinstance(node, ast.Attribute) and ast.unparse(node) == "torch.manual_seed":
+                    raise AssertionError(f"{path} seeds torch's global stream")

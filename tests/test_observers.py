@@ -1,0 +1,433 @@
+"""Those who watch: what they write is what was, and they change nothing."""
+# ruff: noqa: D102
+
+import dataclasses
+import logging
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import scenarios
+from agents.base import Learner
+from agents.loop import run
+from ecology import Ecology, EcologyError
+from ecology.observers import maps, picture, viewer
+from ecology.observers.recorder import Recorder, parts_of, read
+
+TICKS = 60
+
+
+class Wanderer(Learner):
+    """Takes any open action; knows the distance to each food as its deviation function."""
+
+    def act(self, observations, masks):
+        return np.array([self.rng.choice(np.flatnonzero(row)) if row.any() else 0 for row in masks])
+
+    def report(self):
+        numbers = np.arange(self.size, dtype=float)
+        return {"loss_f": numbers + 1.0, "loss_J": numbers + 10.0, "epsilon": np.full(self.size, 0.25)}
+
+    def deviation(self, slot, zeta):
+        return np.hypot(zeta[:, 6] - 0.5, zeta[:, 7] - 4.25) - zeta[:, :4].sum(axis=1)
+
+
+class Blind(Wanderer):
+    """Has no deviation function and reports nothing."""
+
+    def report(self):
+        return {}
+
+    def deviation(self, slot, zeta):
+        return None
+
+
+class Witness:
+    """Keeps a copy of every state, and tries to write on what it is shown."""
+
+    def begin(self, env, minds):
+        self.states = [env.state_view.copy()]
+        self.ticks = [None]
+
+    def watch(self, state, tick, minds):
+        with pytest.raises(ValueError, match="read-only"):
+            state.position[0] = 0.0
+        self.states.append(state.copy())
+        self.ticks.append(tick)
+
+    def end(self):
+        pass
+
+
+def one():
+    """Return the paper's world."""
+    return scenarios.load("paper")
+
+
+def many():
+    """Return three prey and two predators; the predators have other needs, and can die of one."""
+    scenario = one()
+    prey = dataclasses.replace(scenario.species[0], name="prey", count=3, position=None, heading=None)
+    food, *others = prey.needs[:4]
+    hunger = dataclasses.replace(food, start=0.02, lethal=True)  # dies after 10 ticks without
+    predator = dataclasses.replace(
+        prey, name="predator", count=2, needs=(hunger, *others, *prey.needs[4:]), senses=("position",)
+    )
+    return dataclasses.replace(scenario, species=(prey, predator))
+
+
+def live(scenario, *observers, mind=Wanderer, ticks=TICKS, close=True):
+    """Return the world after `ticks` ticks that `observers` watched."""
+    env = Ecology(scenario)
+    tick = env.reset_arrays(7)
+    minds = {g.name: mind(g, np.random.SeedSequence(5)) for g in env.groups.values()}
+    for observer in observers:
+        observer.begin(env, minds)
+    run(env, minds, tick, ticks, observers)
+    for observer in observers if close else ():
+        observer.end()
+    return env
+
+
+@pytest.fixture(autouse=True)
+def strict():
+    """Make bad input to the viewer's library an error instead of a warning."""
+    import rerun as rr
+
+    rr.set_strict_mode(True)
+
+
+def rerun_observer(*args, **kwargs):
+    """Return a RerunObserver; rerun is loaded by the tests that use it."""
+    from ecology.observers.rerun import RerunObserver
+
+    return RerunObserver(*args, **kwargs)
+
+
+def column(path, entity, component):
+    """Return ticks (n,) and the values at them of a component in a recording."""
+    from rerun.chunk import RrdReader
+
+    ticks, values = [], []
+    chunks = RrdReader(str(path)).stream().filter(content=entity, components=component, is_static=False)
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        ticks += batch.column("tick").to_pylist()
+        values += batch.column(component).to_pylist()
+    order = np.argsort(ticks, kind="stable")
+    return np.asarray(ticks)[order], [values[i] for i in order]
+
+
+def test_the_world_loads_no_viewer():
+    """`import ecology` loads neither the viewer's nor the plotting library."""
+    code = "import ecology, sys; assert not {'rerun', 'matplotlib'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("world", [one, many])
+def test_watching_changes_nothing(tmp_path, world):
+    """A run that is watched by all lives as one that nobody watches, and cannot be written by them."""
+    alone = live(world()).state_view
+    watched = live(
+        world(),
+        Witness(),
+        Recorder(tmp_path / "metrics.parquet", every=1),
+        rerun_observer(tmp_path / "recording.rrd", every=1, maps_every=7, serve=("127.0.0.1", 0)),
+    ).state_view
+    for name, array in alone.arrays().items():
+        np.testing.assert_array_equal(array, watched.arrays()[name], err_msg=name)
+
+
+@pytest.mark.parametrize("world", [one, many])
+def test_metrics_hold_every_sampled_tick_and_living_agent(tmp_path, world):
+    """Rows are the state, by name; what a species does not have is null."""
+    witness, path = Witness(), tmp_path / "metrics.parquet"
+    env = live(world(), witness, Recorder(path, every=5))
+    rows = pq.read_table(path).to_pylist()
+    assert not parts_of(path).exists()
+    expected = [
+        (tick, slot) for tick in range(5, TICKS + 1, 5) for slot in np.flatnonzero(witness.states[tick].alive)
+    ]
+    assert len(rows) == len(expected)
+    for row, (tick, slot) in zip(rows, expected, strict=True):
+        state, group = witness.states[tick], env._group_of[slot]
+        species = env.scenario.species[group.index]
+        assert (row["tick"], row["time"]) == (tick, state.time)
+        assert (row["agent"], row["species"]) == (f"{group.name}_{slot}", group.name)
+        assert row["action"] == group.actions[state.action[slot]]
+        assert [row["x"], row["y"], row["heading"]] == pytest.approx(
+            [*state.position[slot], state.heading[slot]], abs=1e-6
+        )
+        values = state.internal[slot, : len(species.needs)]
+        assert [row[need.name] for need in species.needs] == pytest.approx(values, abs=1e-5)
+        assert row["drive"] == pytest.approx(state.drive[slot], abs=1e-5)
+        assert row["reward"] == pytest.approx(witness.ticks[tick].reward[slot], abs=1e-6)
+        assert row["loss_f"] == 1.0 + slot - group.slots.start
+        assert row["epsilon"] == 0.25
+
+
+def test_a_variable_that_a_species_lacks_is_null(tmp_path):
+    """Species with different needs share the table."""
+    scenario = one()
+    agent = scenario.species[0]
+    plain = dataclasses.replace(
+        agent,
+        name="plain",
+        position=None,
+        needs=agent.needs[:1],
+        actions=agent.actions[:1],
+        collapse={},
+    )
+    path = tmp_path / "metrics.parquet"
+    live(dataclasses.replace(scenario, species=(plain, agent)), Recorder(path, every=10), mind=Blind)
+    rows = pq.read_table(path).to_pylist()
+    assert {row["species"] for row in rows} == {"plain", "agent"}
+    assert all((row["need_4"] is None) == (row["species"] == "plain") for row in rows)
+    assert all(row["need_1"] is not None for row in rows)
+
+
+def test_metrics_of_a_stopped_run_can_be_read_and_gone_on_with(tmp_path, monkeypatch):
+    """Parts are complete files; a resumed recording keeps the rows up to its tick."""
+    from ecology.observers import recorder
+
+    monkeypatch.setattr(recorder, "ROWS", 10)
+    path = tmp_path / "metrics.parquet"
+    live(one(), Recorder(path, every=1), close=False)
+    assert not path.exists()
+    assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
+    assert pq.read_table(parts_of(path)).num_rows == TICKS
+    with pytest.raises(EcologyError, match="metrics at"):
+        Recorder(path)
+
+    env = Ecology(one())
+    tick = env.reset_arrays(7)
+    minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
+    tick = run(env, minds, tick, 20)
+    again = Recorder(path, every=1, resume=True)
+    again.begin(env, minds)
+    run(env, minds, tick, 15, [again])
+    again.end()
+    assert read(path)["tick"].to_pylist() == list(range(1, 36))
+    assert pq.ParquetFile(path).num_row_groups == 4
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["metrics.parquet"]
+
+
+def test_a_recording_reads_back(tmp_path):
+    """Entities, timelines and the values of known ticks are those of the world."""
+    from rerun.chunk import RrdReader
+
+    witness, path = Witness(), tmp_path / "recording.rrd"
+    env = live(many(), witness, rerun_observer(path, every=2, maps_every=20))
+    reader = RrdReader(str(path))
+    assert len(reader.recordings()) == 1
+    assert len(reader.blueprints()) == 1
+    assert not (tmp_path / "recording.unfinished.rrd").exists()
+    entities = {chunk.entity_path for chunk in reader.stream()}
+    assert entities >= {
+        f"/{part}"
+        for part in (
+            "world/walls",
+            "world/resources",
+            "world/agents/prey",
+            "world/heading/predator",
+            "world/trail/prey",
+            "focus/prey/deviation",
+            "focus/predator/action",
+            "learning/prey/losses",
+            "world/maps/prey/need_4/image",
+        )
+    }
+    for name, group in env.groups.items():
+        species = env.scenario.species[group.index]
+        ticks, positions = column(path, f"/world/agents/{name}", "Points2D:positions")
+        assert ticks.tolist() == list(range(0, TICKS + 1, 2))
+        _, drives = column(path, f"/world/agents/{name}", "drive")
+        _, foods = column(path, f"/world/agents/{name}", "need_2")
+        for tick in (0, 10, 30, TICKS):
+            state = witness.states[tick]
+            alive = state.alive[group.slots]
+            seen = np.array(positions[tick // 2])
+            np.testing.assert_allclose(seen[alive], state.position[group.slots][alive], atol=1e-6)
+            assert np.isnan(seen[~alive]).all()
+            np.testing.assert_allclose(
+                np.array(drives[tick // 2])[alive], state.drive[group.slots][alive], atol=1e-5
+            )
+            np.testing.assert_allclose(
+                np.array(foods[tick // 2])[alive], state.internal[group.slots, 1][alive], atol=1e-5
+            )
+        assert not witness.states[TICKS].alive[env.groups["predator"].slots].any()
+        # the focus agent over time
+        first = group.slots.start
+        ticks, deviations = column(path, f"/focus/{name}/deviation", "Scalars:scalars")
+        target = np.array([need.set_point for need in species.needs])
+        np.testing.assert_allclose(
+            deviations[4], witness.states[8].internal[first, : len(target)] - target, atol=1e-5
+        )
+        ticks, actions = column(path, f"/focus/{name}/action", "StateChange:state")
+        done = {t: a[0] for t, a in zip(ticks.tolist(), actions, strict=True)}
+        shown = ""
+        for tick in range(0, TICKS + 1, 2):
+            shown = done.get(tick, shown)
+            state = witness.states[tick]
+            lives = tick > 0 and state.alive[first]
+            assert shown == (group.actions[state.action[first]] if lives else "")
+        # trails hold every tick between samples, and losses are log10 of the mean over the living
+        ticks, trails = column(path, f"/world/trail/{name}", "Points2D:positions")
+        np.testing.assert_allclose(
+            np.array(trails[3]),
+            np.concatenate([witness.states[t].position[group.slots] for t in (5, 6)]),
+            atol=1e-6,
+        )
+        ticks, losses = column(path, f"/learning/{name}/losses", "Scalars:scalars")
+        mean = np.arange(group.size).mean()
+        np.testing.assert_allclose(losses[2], np.log10([1.0 + mean, 10.0 + mean]))
+    ticks, times = column(path, "/world/agents/prey", "drive")[0], []
+    for chunk in reader.stream().filter(content="/world/agents/prey", is_static=False):
+        times += [t.total_seconds() for t in chunk.to_record_batch().column("sim_time").to_pylist()]
+    np.testing.assert_allclose(sorted(times), ticks * env.dt)
+
+
+def test_deviation_maps_are_the_minds_own(tmp_path):
+    """A map holds J at need i = -x_i*, all else 0, at every cell of the arena, and nothing outside."""
+    path = tmp_path / "recording.rrd"
+    env = live(one(), rerun_observer(path, every=10, maps_every=30))
+    grid = maps.cover(env.scenario.arena)
+    ticks, values = column(path, "/world/maps/agent/need_3/image", "deviation")
+    assert ticks.tolist() == [0, 30, 60]
+    seen = np.array(values[-1]).reshape(grid.inside.shape)
+    x, y = np.meshgrid(grid.x, grid.y)
+    expected = np.where(grid.inside, np.hypot(x - 0.5, y - 4.25) + 3.0, np.nan)
+    np.testing.assert_allclose(seen, expected, rtol=1e-5)
+    assert grid.inside.shape == (60, 80)
+    assert not grid.inside[0, 0]  # below the arena's floor
+    assert grid.inside[15, 0]  # (0.05, 1.55)
+
+
+def test_a_mind_without_j_or_numbers_is_recorded(tmp_path):
+    """Nothing is drawn of what a learner does not have."""
+    from rerun.chunk import RrdReader
+
+    path = tmp_path / "recording.rrd"
+    live(one(), rerun_observer(path, every=10), mind=Blind)
+    entities = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
+    assert "/world/agents/agent" in entities
+    assert not any("maps" in entity or "learning" in entity for entity in entities)
+
+
+def test_a_resumed_recording_is_one(tmp_path):
+    """Both stretches end up in one file, under one identity."""
+    from rerun.chunk import RrdReader
+
+    path = tmp_path / "recording.rrd"
+    env = live(one(), rerun_observer(path, every=10))
+    minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))}
+    with pytest.raises(EcologyError, match="recording at"):
+        rerun_observer(path)
+    again = rerun_observer(path, every=10, resume=True)
+    again.begin(env, minds)
+    run(env, minds, env.put(), 20, [again])
+    again.end()
+    assert len(RrdReader(str(path)).recordings()) == 1
+    ticks, _ = column(path, "/world/agents/agent", "drive")
+    assert sorted(set(ticks.tolist())) == list(range(0, TICKS + 21, 10))
+    assert [p.name for p in tmp_path.iterdir()] == ["recording.rrd"]
+
+
+def test_a_killed_recording_opens(tmp_path):
+    """What was sent before a run was killed can be read, and is mended for the viewer."""
+    path = tmp_path / "recording.rrd"
+    code = (
+        "import sys; sys.path.insert(0, 'tests')\n"
+        "import os, time, test_observers as t\n"
+        "from ecology.observers import rerun\n"
+        "rerun.SECONDS_FILE = 0.0\n"
+        f"observer = t.rerun_observer({str(path)!r}, every=1)\n"
+        "t.live(t.one(), observer, close=False)\n"
+        "time.sleep(1.0)\n"
+        "os.kill(os.getpid(), 9)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == -9
+    assert not viewer.whole(path)
+    path.write_bytes(path.read_bytes()[:-100])  # in the middle of a write
+    mended = viewer.mended(path, tmp_path / "mended.rrd")
+    ticks, _ = column(mended, "/world/agents/agent", "drive")
+    assert len(ticks) > TICKS // 2
+
+    env = Ecology(one())
+    env.reset_arrays(7)
+    again = rerun_observer(path, every=1, resume=True)
+    again.begin(env, {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))})
+    assert len(column(path, "/world/agents/agent", "drive")[0]) >= len(ticks)
+    again.end()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mended.rrd", "recording.rrd"]
+
+
+def test_a_viewer_that_is_not_there_stops_nothing(tmp_path, caplog, monkeypatch):
+    """A run that streams to nobody goes on at once, and says so once."""
+    from ecology.observers import rerun
+
+    monkeypatch.setattr(rerun, "PATIENCE", 0.5)
+    url = f"rerun+http://127.0.0.1:{viewer.free_port('127.0.0.1', 0)}/proxy"
+    with caplog.at_level(logging.WARNING, "ecology"):
+        live(one(), rerun_observer(every=1, connect=url))
+    assert len([r for r in caplog.records if url in r.getMessage()]) == 1
+
+
+@pytest.mark.parametrize("name", scenarios.names())
+def test_every_scenario_can_be_watched(tmp_path, name):
+    """Nothing in a scenario that ships is refused by those who record it."""
+    path = tmp_path / "metrics.parquet"
+    blind = rerun_observer(tmp_path / "recording.rrd", every=2)
+    live(scenarios.load(name), Recorder(path, every=2), blind, mind=Blind, ticks=10)
+    assert set(read(path)["tick"].to_pylist()) == {2, 4, 6, 8, 10}
+
+
+def test_bad_input_is_refused(tmp_path):
+    """What cannot be watched is said before the run starts."""
+    import socket
+
+    for wrong in ({"every": 0}, {"maps_every": -1}, {"connect": "127.0.0.1:9876"}):
+        with pytest.raises(EcologyError):
+            rerun_observer(**wrong)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(EcologyError, match="cannot serve at"):
+            rerun_observer(serve=taken.getsockname())
+    with pytest.raises(EcologyError, match="no agent 'agent_9'"):
+        live(one(), rerun_observer(tmp_path / "r.rrd", focus=["agent_9"]))
+
+
+def test_view_says_what_is_wrong(tmp_path, monkeypatch):
+    """A missing, foreign or unreadable recording, and a machine without a screen, are told in one error."""
+    with pytest.raises(EcologyError, match="no recording at"):
+        viewer.view(tmp_path)
+    path = tmp_path / "recording.rrd"
+    path.write_text("something else")
+    with pytest.raises(EcologyError, match="not a Rerun recording"):
+        viewer.view(tmp_path)
+    path.write_bytes(b"RRF2" + bytes(60))
+    monkeypatch.setenv("DISPLAY", ":0")
+    with pytest.raises(EcologyError, match="damaged"):
+        viewer.view(tmp_path)
+    if sys.platform.startswith("linux"):
+        monkeypatch.delenv("DISPLAY")
+        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        with pytest.raises(EcologyError, match="no screen"):
+            viewer.view(tmp_path)
+
+
+@pytest.mark.parametrize("world", [one, many])
+def test_a_picture_shows_the_world(world):
+    """`draw` returns pixels, and others once an agent has moved."""
+    env = Ecology(world(), render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    assert before.shape == (600, 800, 3)
+    assert before.dtype == np.uint8
+    env.put(position=env.state_view.position + np.array([0.5, 0.0]))
+    after = picture.draw(env.scenario, env.state_view)
+    assert (before != after).any()
+    assert np.array_equal(after, env.render())

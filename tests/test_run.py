@@ -1,0 +1,315 @@
+"""What a run leaves: its folder, whether it ends, is stopped, goes on or diverges."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import agents
+from agents import checkpoint
+from agents.base import DivergedError, Learner, Transition
+from ecology import EcologyError
+from scenarios import _run
+from scenarios._plan import read_config, resolve
+from scenarios._run import Run
+from scenarios.cli import main
+
+CROWD = """
+'''Twelve wide bodies in a small room: they touch each other and the walls at every tick.'''
+from ecology import Arena, Need, Resource, Scenario, Species, consume, go_to, move, rest, turn
+
+def build(decay=0.01, noise=0.02):
+    need = Need(name="food", set_point=2.0, decay=decay, noise=noise, bounds=(0.0, 4.0))
+    actions = (rest(), move("walk", 0.3), turn("left", 0.7), turn("right", -0.7),
+               consume("berries", {"food": 0.1}), go_to("berries", 0.2))
+    crowd = Species(name="crowd", needs=(need,), actions=actions, count=12, radius=0.2)
+    return Scenario(name="crowd", arena=Arena(vertices=((0, 0), (2, 0), (2, 2), (0, 2))), species=(crowd,),
+                    resources=(Resource(name="berries", position=(1.0, 1.0)),))
+"""
+
+
+def cli(*words: str) -> None:
+    """Type a command that is expected to succeed."""
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert not left.value.code
+
+
+@pytest.fixture
+def crowd(tmp_path: Path) -> Callable[..., Run]:
+    """Return a maker of runs of a crowd that touches all the time, not yet begun."""
+    (tmp_path / "crowd.py").write_text(CROWD)
+
+    def make(folder: str, ticks: int, every: int = 100, learner: str = "random") -> Run:
+        plan = resolve(
+            str(tmp_path / "crowd.py"), learners=[learner], ticks=ticks, checkpoint_every=every, record=False
+        )
+        return Run(plan, tmp_path / folder)
+
+    return make
+
+
+def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
+    """Config, summary, metrics, recording and checkpoint are written, and nothing else."""
+    out = tmp_path / "mine"
+    cli("run", "paper", "--learner", "random", "--ticks", "200", "--out", str(out), "--quiet")
+    assert {path.name for path in out.iterdir()} == {
+        "config.toml", "summary.json", "metrics.parquet", "recording.rrd", "checkpoint",
+    }  # fmt: skip
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["scenario"] == "paper"
+    assert summary["learner"] == {"agent": "random"}
+    assert (summary["seed"], summary["ticks"], summary["deaths"], summary["births"]) == (0, 200, 0, 0)
+    assert "stopped_at" not in summary
+    assert summary["wall_seconds"] > 0
+    assert summary["agent_steps_per_second"] == pytest.approx(200 / summary["wall_seconds"], rel=0.05)
+    assert sum(summary["action_shares"]["agent"].values()) == pytest.approx(1.0)
+    assert summary["mean_abs_deviation"]["agent"].keys() >= {"need_1", "muscle_fatigue", "sleep_fatigue"}
+    metrics = pq.read_table(out / "metrics.parquet")
+    assert metrics["tick"].to_pylist() == list(range(10, 201, 10))
+    assert (out / "recording.rrd").read_bytes()[:3] == b"RRF"
+    config = tomllib.loads((out / "config.toml").read_text())
+    assert {"ecology", "python", "numpy", "torch", "pymunk", "dt"} <= config["made_with"].keys()
+
+
+def test_the_summary_is_what_metrics_say(tmp_path: Path) -> None:
+    """Mean drive, its last tenth and the needs' mean deviations agree with a recording of every tick."""
+    config = tmp_path / "config.toml"
+    config.write_text("record_every = 1")
+    out = tmp_path / "mine"
+    words = ["--config", str(config), "--learner", "random", "--ticks", "300", "--out", str(out), "--quiet"]
+    cli("run", "seasons", *words)
+    summary = json.loads((out / "summary.json").read_text())
+    metrics = pq.read_table(out / "metrics.parquet").to_pydict()
+    drive = np.array(metrics["drive"])
+    assert summary["mean_drive"] == pytest.approx(drive.mean(), rel=1e-5)
+    assert summary["mean_drive_last_tenth"] == pytest.approx(drive[-30:].mean(), rel=1e-5)
+    delta = np.abs(np.array(metrics["warmth"]) - 2.0)
+    assert summary["mean_abs_deviation"]["agent"]["warmth"] == pytest.approx(delta.mean(), rel=1e-5)
+    rests = metrics["action"].count("rest") / 300
+    assert summary["action_shares"]["agent"]["rest"] == pytest.approx(rests)
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Signals) -> None:
+    """Ctrl-C and SIGTERM leave a whole folder that says where it stopped and can be gone on with."""
+    out = tmp_path / "mine"
+    config = tmp_path / "config.toml"
+    config.write_text("checkpoint_every = 100")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "scenarios.cli", "run", "paper", "--learner", "random", "--ticks", "10000000",
+         "--config", str(config), "--out", str(out)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    until = time.monotonic() + 40
+    while not (out / "checkpoint").exists() and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.05)
+    process.send_signal(signum)
+    said, errors = process.communicate(timeout=40)
+    assert process.returncode == 128 + signum, errors
+    assert "Traceback" not in errors
+    assert f"--resume {out}" in said
+    summary = json.loads((out / "summary.json").read_text())
+    stopped = summary["stopped_at"]
+    assert stopped == summary["ticks"] > 0
+    assert summary["stopped_by"] == signum.name
+    metrics = pq.read_table(out / "metrics.parquet")["tick"].to_pylist()
+    assert metrics == list(range(10, stopped + 1, 10))
+    assert (out / "recording.rrd").stat().st_size > 0
+
+    cli("run", "--resume", str(out), "--ticks", str(stopped + 25), "--quiet")
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["ticks"] == stopped + 25
+    assert "stopped_at" not in summary
+    metrics = pq.read_table(out / "metrics.parquet")["tick"].to_pylist()
+    assert metrics == list(range(10, stopped + 26, 10))
+
+
+def test_a_run_that_goes_on_equals_one_that_was_never_left(crowd: Callable[..., Run]) -> None:
+    """A resumed life is the uninterrupted one, bit for bit: contacts, noise and choices included."""
+    whole = crowd("whole", 300)
+    whole.start()
+    whole.live()
+    first = crowd("parts", 100)
+    first.start()
+    first.live()
+    rest = crowd("parts", 300)
+    rest.resume()
+    assert rest.now == 100
+    rest.live()
+    one, other = (checkpoint.read(run.folder / _run.CHECKPOINT) for run in (whole, rest))
+    one["tally"][1].pop("seconds"), other["tally"][1].pop("seconds")  # type: ignore[attr-defined]
+    for name, (arrays, values) in one.items():
+        assert values == other[name][1], name
+        for key, array in arrays.items():
+            np.testing.assert_array_equal(array, other[name][0][key], err_msg=f"{name} {key}")
+
+
+def test_resuming_needs_more_ticks(crowd: Callable[..., Run], capsys: pytest.CaptureFixture[str]) -> None:
+    """Going on with a run that has lived its ticks gives exit code 2 and says what to do."""
+    run = crowd("mine", 50)
+    run.start()
+    run.live()
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "--resume", str(run.folder)])
+    assert "--ticks" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "--resume", str(run.folder), "--ticks", "90", "--seed", "3"])
+    assert "--seed" in capsys.readouterr().err
+
+
+def _truncate(folder: Path) -> None:
+    path = folder / "world.safetensors"
+    path.write_bytes(path.read_bytes()[:-8])
+
+
+def _flip(folder: Path) -> None:
+    path = folder / "world.safetensors"
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+
+
+def _change(key: str, value: object) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        index = json.loads((folder / "checkpoint.json").read_text())
+        index[key] = value
+        (folder / "checkpoint.json").write_text(json.dumps(index))
+
+    return change
+
+
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "arrays cut short": _truncate,
+    "a bit flipped": _flip,
+    "arrays missing": lambda folder: (folder / "tally.safetensors").unlink(),
+    "no index": lambda folder: (folder / "checkpoint.json").unlink(),
+    "not an index": lambda folder: (folder / "checkpoint.json").write_bytes(b"\xff\x00"),
+    "a list for an index": lambda folder: (folder / "checkpoint.json").write_text("[]"),
+    "another format": _change("format", 99),
+    "no parts": _change("values", {}),
+    "foreign values": _change("values", 3),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_checkpoint_is_one_clear_error(
+    crowd: Callable[..., Run], capsys: pytest.CaptureFixture[str], damage: str
+) -> None:
+    """A damaged checkpoint gives exit code 2, names the folder, and leaves the run as it was."""
+    run = crowd("mine", 20)
+    run.start()
+    run.live()
+    DAMAGE[damage](run.folder / _run.CHECKPOINT)
+    before = {path: path.read_bytes() for path in run.folder.rglob("*") if path.is_file()}
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "--resume", str(run.folder), "--ticks", "40"])
+    err = capsys.readouterr().err
+    assert str(run.folder) in err
+    assert "Traceback" not in err
+    assert {path: path.read_bytes() for path in run.folder.rglob("*") if path.is_file()} == before
+
+
+def test_a_foreign_checkpoint_is_refused(crowd: Callable[..., Run], tmp_path: Path) -> None:
+    """A checkpoint of another scenario, or of other learners, is an error and not a silent mixture."""
+    run = crowd("mine", 20)
+    run.start()
+    run.live()
+    for plan in (
+        resolve("paper", learners=["random"], ticks=40),
+        resolve(str(tmp_path / "crowd.py"), learners=["rest"], ticks=40),
+    ):
+        with pytest.raises(EcologyError, match="another world"):
+            Run(plan, run.folder).resume()
+
+
+def test_a_checkpoint_outlives_a_failure_while_it_is_written(tmp_path: Path) -> None:
+    """Where the new checkpoint cannot be written, the old one is still there, also between renames."""
+    folder = tmp_path / "checkpoint"
+    checkpoint.write(folder, {"part": ({"x": np.arange(3)}, {"y": 1})})
+    with pytest.raises(TypeError):
+        checkpoint.write(folder, {"part": ({"x": np.arange(4)}, {"y": object()})})
+    assert checkpoint.read(folder)["part"][1] == {"y": 1}
+    folder.rename(tmp_path / "checkpoint.old")
+    arrays, _ = checkpoint.read(folder)["part"]
+    np.testing.assert_array_equal(arrays["x"], np.arange(3))
+    arrays["x"][0] = 7  # what is read can be written
+
+
+class Diverging(Learner):
+    """Lives for a while, then finds that a network of its third agent is no longer finite."""
+
+    def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        """Rest."""
+        return np.zeros(self.size, np.int64)
+
+    def learn(self, transition: Transition) -> None:
+        """Diverge after 30 ticks."""
+        self.ticks = getattr(self, "ticks", 0) + 1
+        if self.ticks == 30:
+            raise DivergedError("the deviation function J", self.group.slots.start + 2, "Lower it.")
+
+
+def test_a_network_that_diverges_stops_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The error names tick, agent and what to do; the folder keeps the run and the last good checkpoint."""
+    monkeypatch.setattr(agents, "LEARNERS", {**agents.LEARNERS, "diverging": (__name__, "Diverging")})
+    (tmp_path / "crowd.py").write_text(CROWD)
+    (tmp_path / "config.toml").write_text("checkpoint_every = 20\nrecord_every = 1")
+    words = [
+        "--learner",
+        "diverging",
+        "--config",
+        str(tmp_path / "config.toml"),
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", str(tmp_path / "crowd.py"), "--ticks", "100", *words])
+    err = capsys.readouterr().err
+    assert "tick 30, crowd_2: the deviation function J is no longer finite. Lower it." in err
+    assert "Traceback" not in err
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert summary["stopped_at"] == 29
+    assert "crowd_2" in summary["stopped_by"]
+    assert pq.read_table(tmp_path / "out/metrics.parquet").num_rows == 29 * 12
+    assert checkpoint.read(tmp_path / "out/checkpoint")["tally"][1]["tick"] == 20
+
+
+def test_a_plan_is_what_its_config_says(tmp_path: Path) -> None:
+    """Writing a plan and reading it back gives the same plan."""
+    plan = resolve("paper", learners=["hjb"], changes={"learner.gamma": 0.9, "heading": False}, seed=4)
+    path = tmp_path / "config.toml"
+    path.write_text(plan.to_toml())
+    again = resolve(config=read_config(path))
+    assert again.to_toml() == plan.to_toml()
+    assert again.settings["set_points"] == (1.0, 2.0, 3.0, 4.0)
+
+
+def test_runs_differ_by_their_seed() -> None:
+    """Learners and world of different seeds draw different numbers, of one seed the same."""
+
+    def first(seed: int) -> list[int]:
+        plan = resolve("seasons", learners=["random"], seed=seed)
+        run = Run(plan, Path(os.devnull))
+        tick, chosen = run.tick, []
+        for _ in range(20):
+            action = run.learners["agent"].act(tick.observations["agent"], tick.masks["agent"])
+            chosen.append(int(action[0]))
+            tick = run.env.step_arrays(action)
+        return chosen
+
+    assert first(1) == first(1)
+    assert first(1) != first(2)
