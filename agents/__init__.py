@@ -12,12 +12,24 @@ from agents.base import Learner
 from ecology import EcologyError, Group
 from ecology.errors import nearest
 
-# name -> module and class; loaded when asked for, so that `ecology list` is quick
-LEARNERS: Mapping[str, tuple[str, str]] = {
-    "hjb": ("agents.hjb", "HJB"),
-    "random": ("agents.baselines", "Random"),
-    "rest": ("agents.baselines", "Rest"),
-    "greedy": ("agents.baselines", "Greedy"),
+# name -> module, class, the mapping in the module that holds its settings where they are not the
+# defaults, and a line for `ecology list`; loaded when asked for
+LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
+    "hjb": (
+        "agents.hjb",
+        "HJB",
+        None,
+        "f and J learned online, acting by the Hamilton-Jacobi-Bellman equation",
+    ),
+    "algorithm1": (
+        "agents.hjb",
+        "HJB",
+        "ALGORITHM1",
+        "the paper's Algorithm 1 as printed, without additions",
+    ),
+    "random": ("agents.baselines", "Random", None, "every open action with the same probability"),
+    "rest": ("agents.baselines", "Rest", None, "does nothing for as long as its body lets it"),
+    "greedy": ("agents.baselines", "Greedy", None, "the least predicted drive one tick ahead"),
 }
 
 
@@ -25,16 +37,18 @@ def learner_class(name: str) -> type[Learner]:
     """Return the class of the learner `name`."""
     if name not in LEARNERS:
         raise EcologyError(f"there is no learner {name!r}. {nearest(name, LEARNERS)}")
-    module, cls = LEARNERS[name]
+    module, cls, _, _ = LEARNERS[name]
     return getattr(importlib.import_module(module), cls)
 
 
 def settings(name: str) -> dict[str, Any]:
     """Return the settings of the learner `name` with their defaults."""
-    return learner_class(name).defaults()
-
-
-def make(name: str, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]) -> Learner:
-    """Return a learner `name` for the slots of `group`, with its settings."""
     cls = learner_class(name)
-    return cls.with_settings(group, seed, settings)
+    module, _, preset, _ = LEARNERS[name]
+    return {**cls.defaults(), **(getattr(importlib.import_module(module), preset) if preset else {})}
+
+
+def make(name: str, group: Group, seed: np.random.SeedSequence, settings_: Mapping[str, Any]) -> Learner:
+    """Return a learner `name` for the slots of `group`; `settings_` where they are not the defaults."""
+    cls = learner_class(name)
+    return cls.with_settings(group, seed, {**settings(name), **settings_})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -43,8 +43,6 @@ class Learner(ABC):
     (`Group`: layout, action names, kinds, speeds). It never sees the state of the world.
     """
 
-    summary: ClassVar[str] = ""  # one line for `ecology list`
-
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         self.group = group
         self.size = group.size
@@ -57,9 +55,7 @@ class Learner(ABC):
         return {}
 
     @classmethod
-    def with_settings(
-        cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]
-    ) -> Learner:
+    def with_settings(cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]) -> Learner:
         """Return a learner with its settings by name; a learner without settings takes none."""
         if settings:
             raise EcologyError(f"the learner {cls.__name__} has no settings, got {sorted(settings)}.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +25,6 @@ def draw_open(masks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 class Random(Learner):
     """One who takes every open action with the same probability."""
 
-    summary: ClassVar[str] = "uniform over the open actions"
-
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Return open actions (n,), drawn uniformly."""
         return draw_open(masks, self.rng)
@@ -34,8 +32,6 @@ class Random(Learner):
 
 class Rest(Learner):
     """One who does nothing for as long as its body lets it."""
-
-    summary: ClassVar[str] = "does nothing"
 
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         super().__init__(group, seed)
@@ -54,8 +50,6 @@ class Greedy(Learner):
     change nothing.
     """
 
-    summary: ClassVar[str] = "least predicted drive one tick ahead, the prediction learned online"
-
     @classmethod
     def defaults(cls) -> dict[str, Any]:
         """Return the settings by name with their defaults."""
@@ -66,9 +60,7 @@ class Greedy(Learner):
         """Return n greedy agents; the setting `epsilon` is the share of random actions while learning."""
         for name in settings:
             if name not in cls.defaults():
-                raise EcologyError(
-                    f"the learner greedy has no setting {name!r}. {nearest(name, cls.defaults())}"
-                )
+                raise EcologyError(f"the learner greedy has no setting {name!r}. {nearest(name, cls.defaults())}")
         return cls(group, seed, **{**cls.defaults(), **settings})
 
     def __init__(self, group: Group, seed: np.random.SeedSequence, epsilon: float = EXPLORES) -> None:

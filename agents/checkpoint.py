@@ -54,9 +54,7 @@ def read(folder: Path) -> dict[str, Part]:
     if not folder.exists() and old.exists():
         folder = old
     if not folder.is_dir():
-        raise EcologyError(
-            f"there is no checkpoint in {str(folder.parent)!r}; give the folder of a run that has one."
-        )
+        raise EcologyError(f"there is no checkpoint in {str(folder.parent)!r}; give the folder of a run that has one.")
     try:
         index = json.loads((folder / INDEX).read_text())
         made_by = index["format"]

@@ -311,9 +311,7 @@ def probe(
     return told
 
 
-def first_meals(
-    env: Ecology, learner: Learner, tick: Tick, table: ActionTable, limit: int
-) -> tuple[Ints, Ints]:
+def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, limit: int) -> tuple[Ints, Ints]:
     """Return the resource that each agent eats first, -1 without, and after how many ticks, both (n,)."""
     diary = Diary(learner.group, tick)
     learner.begin()
@@ -525,9 +523,7 @@ def evaluate(
     with a line before each part. Raises EcologyError where `skip` leaves no ticks.
     """
     if not 0 <= skip < ticks:
-        raise EcologyError(
-            f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped."
-        )
+        raise EcologyError(f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped.")
     group = learner.group
     tell("living")
     life = fresh_life(scenario, learner, ticks, seed)
@@ -552,9 +548,7 @@ def evaluate(
         starts = random_starts(scenario, learner, seed, STARTS, far + far // 4)
         lives += starts
         checks["life"] = compare_deviation(learner, [(life, slot, skip)], gamma, STATES, rng)
-        checks["random_starts"] = compare_deviation(
-            learner, [(each, slot, 0) for each in starts], gamma, STATES, rng
-        )
+        checks["random_starts"] = compare_deviation(learner, [(each, slot, 0) for each in starts], gamma, STATES, rng)
     tell("transition check")
     report = {
         "scenario": scenario.name,

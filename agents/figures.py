@@ -73,9 +73,7 @@ def deviation_maps(maps: Maps, scenario: Scenario, species: Species, told: Mappi
     )  # fmt: skip
     for i, need in enumerate(maps.needs):
         ax = figure.add_subplot(rows, columns, i + 1)
-        image = ax.imshow(
-            maps.value[i], origin="lower", extent=extent, cmap="viridis", interpolation="nearest"
-        )
+        image = ax.imshow(maps.value[i], origin="lower", extent=extent, cmap="viridis", interpolation="nearest")
         arena(ax, scenario, highlight=maps.resources[i])
         ax.plot(*maps.minimum(i), marker="x", color="#D55E00", markersize=10, markeredgewidth=2.8, zorder=6)
         words = species.needs[need]
@@ -125,9 +123,7 @@ def internal_states(life: Life, scenario: Scenario, species: Species, slot: int 
     return figure
 
 
-def trajectory(
-    life: Life, scenario: Scenario, species: Species, layout: Sequence[str], slot: int = 0
-) -> Figure:
+def trajectory(life: Life, scenario: Scenario, species: Species, layout: Sequence[str], slot: int = 0) -> Figure:
     """Draw the path through the arena over the beginning of a life, coloured by time, meals marked."""
     ticks = min(SHOWN, len(life.actions))
     where = [list(layout).index("x"), list(layout).index("y")]
@@ -137,17 +133,11 @@ def trajectory(
     ax = figure.add_subplot()
     arena(ax, scenario)
     pieces = np.stack([path[:-1], path[1:]], axis=1)
-    lines = LineCollection(
-        list(pieces), cmap="viridis", array=time[:-1], linewidths=1.3, alpha=0.85, zorder=2
-    )
+    lines = LineCollection(list(pieces), cmap="viridis", array=time[:-1], linewidths=1.3, alpha=0.85, zorder=2)
     ax.add_collection(lines)
     eats = np.array([action.kind == "consume" for action in species.actions])[life.actions[:ticks, slot]]
-    ax.scatter(
-        path[:-1][eats, 0], path[:-1][eats, 1], s=14, color="#D55E00", zorder=6, label="meals", linewidths=0
-    )
-    ax.scatter(
-        path[0, 0], path[0, 1], marker="s", s=50, facecolor="white", edgecolor=INK, zorder=7, label="birth"
-    )
+    ax.scatter(path[:-1][eats, 0], path[:-1][eats, 1], s=14, color="#D55E00", zorder=6, label="meals", linewidths=0)
+    ax.scatter(path[0, 0], path[0, 1], marker="s", s=50, facecolor="white", edgecolor=INK, zorder=7, label="birth")
     figure.colorbar(lines, ax=ax, label="time", shrink=0.9)
     ax.legend(loc="lower right", fontsize=9)
     ax.set_title("Path from birth, without learning", fontsize=11)
@@ -187,18 +177,14 @@ def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Fig
     for i, (mean, name) in enumerate(rows):
         d = drives[name]
         ax.barh(i, mean, color=LEARNED if name == "learned" else "#BBBBBB", height=0.65)
-        ax.errorbar(
-            mean, i, xerr=[[mean - d["low"]], [d["high"] - mean]], color=INK, capsize=4, linewidth=1.3
-        )
+        ax.errorbar(mean, i, xerr=[[mean - d["low"]], [d["high"] - mean]], color=INK, capsize=4, linewidth=1.3)
         ax.text(d["high"], i, f"  {mean:.2f}", va="center", fontsize=9)
     ax.set_yticks(range(len(rows)), [name for _, name in rows])
     ax.invert_yaxis()
     ax.set_xlim(0, 1.12 * max(drives[name]["high"] for _, name in rows))
     ax.set_xlabel("mean drive, drive units (less is better); 95 % interval")
     title = "Mean drive on the same world"
-    ax.set_title(
-        title if gap is None else f"{title}; {gap:.0%} of the way from camping to planner", fontsize=11
-    )
+    ax.set_title(title if gap is None else f"{title}; {gap:.0%} of the way from camping to planner", fontsize=11)
     return figure
 
 
@@ -218,9 +204,7 @@ def deviation_check(checks: Mapping[str, DeviationCheck]) -> Figure:
         label = words.get(name, name)
         if told["correlation"] is not None:
             label += f": correlation {told['correlation']:.2f}, bias {told['bias']:+.2f}"
-        ax.scatter(
-            check.measured, check.learned, s=18, marker=mark, facecolor="none", edgecolor=colour, label=label
-        )
+        ax.scatter(check.measured, check.learned, s=18, marker=mark, facecolor="none", edgecolor=colour, label=label)
     ax.set_xlim(low, high)
     ax.set_ylim(low, high)
     ax.set_aspect("equal")

@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,6 +40,8 @@ LONGEST = 300.0  # units of time, of a predicted duration
 ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
 TRAIL = 64  # ticks of a movement whose states are kept on the way
 POLYAK = 0.1  # share by which the target network follows J per update
+
+Weights = Sequence[Tensor]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +74,7 @@ class HJBSettings:
     place_width: float = 0.6  # length, standard deviation of a bump
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
+    averaged: float = 0.005  # per update, share by which the averaged f and J that act follow; 0: no average
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
 
     def __post_init__(self) -> None:
@@ -82,10 +85,13 @@ class HJBSettings:
             ("epsilon_until", 0, 1 + 1e-9),
             ("recent_share", -1e-9, 1 + 1e-9),
             ("imagined", -1e-9, 1 + 1e-9),
+            ("averaged", -1e-9, 1 + 1e-9),
         ):
             value = getattr(self, name)
             if not low < value < high:
-                raise EcologyError(f"learner setting {name} must lie between {round(low)} and {round(high)}, got {value!r}.")
+                raise EcologyError(
+                    f"learner setting {name} must lie between {round(low)} and {round(high)}, got {value!r}."
+                )
         for name in (
             "life", "width", "learning_rate", "learning_rate_final", "stride", "batch", "recent", "memory",
             "update_every", "place_spacing", "place_width",
@@ -108,6 +114,8 @@ ALGORITHM1: Mapping[str, Any] = {
     "place_cells": 0,
     "imagined": 0.0,
     "relative_weight": False,
+    "intra_option": False,
+    "averaged": 0.0,
     "target_network": False,
     "learning_rate_final": 1e-3,
 }
@@ -115,8 +123,6 @@ ALGORITHM1: Mapping[str, Any] = {
 
 class HJB(Learner):
     """n agents that learn f and J online, each from its own life."""
-
-    summary: ClassVar[str] = "f and J learned online, acting by the Hamilton-Jacobi-Bellman equation"
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -178,7 +184,10 @@ class HJB(Learner):
         w = s.width
         self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), F.relu, self.generator)
         self.J = Perceptrons(n, (inputs, w, w, 1), F.silu, self.generator)
-        self.target = [weight.detach().clone() for weight in self.J.weights]
+        # slow copies: J in its own target, and both in acting; the weights themselves where switched off
+        self.target = self._copy(self.J.weights, s.target_network)
+        self.calm_f = self._copy(self.f.weights, s.averaged > 0)
+        self.calm_j = self._copy(self.J.weights, s.averaged > 0)
         self.adam_f, self.adam_j = Adam(self.f.weights), Adam(self.J.weights)
         self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count)
         self.cell_centre = torch.zeros(n, max(self.cells, 1), 2)
@@ -201,6 +210,10 @@ class HJB(Learner):
         self.exploration: float | None = None  # fixed epsilon, in evaluation
         self.loss_f, self.loss_j = np.full(n, np.nan), np.full(n, np.nan)
         self.decisions = np.zeros(n, np.int64)
+
+    @staticmethod
+    def _copy(weights: Weights, wanted: bool) -> list[Tensor]:
+        return [w.detach().clone() if wanted else w for w in weights]
 
     # ---- f, J and the score ---------------------------------------------------------------
 
@@ -225,19 +238,23 @@ class HJB(Learner):
             parts.append((torch.baddbmm(theirs, here, centre.mT, alpha=sharp) + own).clamp_(min=FAR).exp_())
         return torch.cat(parts, -1)
 
-    def deviation_at(self, zeta: Tensor, index: Tensor | None = None, target: bool = False) -> Tensor:
-        """Return Jn = -ln(gamma) J, drive units, (k, b) at zeta (k, b, D)."""
-        weights = rows(self.target if target else self.J.weights, index)
+    def deviation_at(self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None) -> Tensor:
+        """Return Jn = -ln(gamma) J, drive units, (k, b) at zeta (k, b, D); `weights` in place of J's own."""
+        weights = rows(self.J.weights if weights is None else weights, index)
         out = self.J(self.features(zeta, index), weights)[..., 0]
         return self.worst * (J_CENTRE + J_SPREAD * out)
 
-    def changes(self, zeta: Tensor, index: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    def changes(
+        self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Return f: changes (k, b, M, D) and durations (k, b, M) of all movements at zeta (k, b, D)."""
-        raw = self.f(self.features(zeta, index), rows(self.f.weights, index))
+        raw = self.f(self.features(zeta, index), rows(self.f.weights if weights is None else weights, index))
         out = raw.view(*zeta.shape[:2], self.count, self.components + 1) * self.unit
         return out[..., :-1], out[..., -1].clamp(self.group.dt, LONGEST)
 
-    def scores(self, zeta: Tensor, index: Tensor | None = None, target: bool = False) -> Tensor:
+    def scores(
+        self, zeta: Tensor, index: Tensor | None = None, f: Weights | None = None, j: Weights | None = None
+    ) -> Tensor:
         """Return the HJB score of every movement, drive units, (k, b, M) at zeta (k, b, D).
 
         Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'); its limit for
@@ -246,22 +263,24 @@ class HJB(Learner):
         gamma = self.settings.gamma
         if self.settings.finite_difference:
             with torch.no_grad():
-                change, duration = self.changes(zeta, index)
+                change, duration = self.changes(zeta, index, f)
                 after = torch.minimum(torch.maximum(zeta[:, :, None] + change, self.low), self.high)
                 keep = gamma**duration
-                ahead = self.deviation_at(after.flatten(1, 2), index, target).view(keep.shape)
+                ahead = self.deviation_at(after.flatten(1, 2), index, j).view(keep.shape)
                 return (1 - keep) * 0.5 * (self.drive(zeta)[..., None] + self.drive(after)) + keep * ahead
-        change, duration = self.changes(zeta, index)
+        change, duration = self.changes(zeta, index, f)
         change = change.detach()
         rate = change / duration.detach()[..., None]
-        slope = self.slope(zeta, index, target)
-        return self.drive(zeta[:, :, None] + rate * self.group.dt) + (slope[:, :, None] * rate).sum(-1) / -math.log(gamma)
+        slope = self.slope(zeta, index, j)
+        return self.drive(zeta[:, :, None] + rate * self.group.dt) + (slope[:, :, None] * rate).sum(-1) / -math.log(
+            gamma
+        )
 
-    def slope(self, zeta: Tensor, index: Tensor | None = None, target: bool = False) -> Tensor:
+    def slope(self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None) -> Tensor:
         """Return dJn/dzeta (k, b, D), differentiable in the weights."""
         with torch.enable_grad():
             at = zeta.detach().requires_grad_()
-            value = self.deviation_at(at, index, target)
+            value = self.deviation_at(at, index, weights)
             return torch.autograd.grad(value.sum(), at, create_graph=True)[0]
 
     # ---- acting ---------------------------------------------------------------------------
@@ -329,7 +348,7 @@ class HJB(Learner):
         index = None if len(slots) == self.size else torch.from_numpy(slots)
         with torch.no_grad():
             zeta = torch.from_numpy(observations)[:, None]
-            score = self.scores(zeta, index)[:, 0].detach().numpy()
+            score = self.scores(zeta, index, self.calm_f, self.calm_j)[:, 0].detach().numpy()
         if not np.isfinite(score).all():
             bad = int(slots[np.flatnonzero(~np.isfinite(score).all(axis=1))[0]])
             raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
@@ -426,10 +445,12 @@ class HJB(Learner):
         self.adam_f.step(torch.autograd.grad(loss_f.sum(), self.f.weights), rate)
         loss_j = self._loss_j(zeta, movement, after, open_)  # (n,)
         self.adam_j.step(torch.autograd.grad(loss_j.sum(), self.J.weights), rate)
-        if s.target_network:
-            with torch.no_grad():
-                for slow, weight in zip(self.target, self.J.weights, strict=True):
-                    slow.lerp_(weight, POLYAK)
+        with torch.no_grad():
+            if s.target_network:
+                torch._foreach_lerp_(self.target, self.J.weights, POLYAK)
+            if s.averaged:
+                torch._foreach_lerp_(self.calm_f, self.f.weights, s.averaged)
+                torch._foreach_lerp_(self.calm_j, self.J.weights, s.averaged)
         self.loss_f = np.where(ready, loss_f.detach().numpy(), self.loss_f)
         self.loss_j = np.where(ready, loss_j.detach().numpy(), self.loss_j)
         bad = np.flatnonzero(ready & ~(np.isfinite(self.loss_f) & np.isfinite(self.loss_j)))
@@ -456,10 +477,10 @@ class HJB(Learner):
         if s.imagined:
             zeta = self._imagine(zeta)
         if s.minimum_in_loss:
-            score = self.scores(zeta, target=s.target_network).detach()
+            score = self.scores(zeta, j=self.target).detach()
             goal = score.masked_fill(~open_, math.inf).amin(-1)
         elif s.finite_difference:
-            score = self.scores(zeta, target=s.target_network)
+            score = self.scores(zeta, j=self.target)
             goal = score.gather(2, movement[..., None])[..., 0]
         else:  # as printed: d of the state reached, dJ/dzeta . f of the executed action
             change, duration = self.changes(zeta)
@@ -507,6 +528,8 @@ class HJB(Learner):
             ("f", self.f.weights),
             ("J", self.J.weights),
             ("target", self.target),
+            ("calm_f", self.calm_f),
+            ("calm_J", self.calm_j),
             ("adam_f.first", self.adam_f.first),
             ("adam_f.second", self.adam_f.second),
             ("adam_J.first", self.adam_j.first),
@@ -566,11 +589,11 @@ class HJB(Learner):
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray:
         """Return -ln(gamma) J in drive units, (m,) at states (m, D), for the agent in `slot`."""
         at = torch.from_numpy(np.asarray(zeta, np.float32))[None]
-        return self.deviation_at(at, torch.tensor([slot]))[0].numpy()
+        return self.deviation_at(at, torch.tensor([slot]), self.calm_j)[0].numpy()
 
     @torch.no_grad()
     def predict(self, slot: int, zeta: np.ndarray) -> dict[str, Any]:
         """Return f at states (m, D): movement names, change (m, M, D), duration (m, M)."""
         at = torch.from_numpy(np.asarray(zeta, np.float32))[None]
-        change, duration = self.changes(at, torch.tensor([slot]))
+        change, duration = self.changes(at, torch.tensor([slot]), self.calm_f)
         return {"names": self.moves.names, "change": change[0].numpy(), "duration": duration[0].numpy()}

@@ -56,4 +56,10 @@ class Memory:
     def take(self, at: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         """Return zeta, movement, after, duration and open at positions (n, b)."""
         row = torch.arange(len(at))[:, None]
-        return self.zeta[row, at], self.movement[row, at], self.after[row, at], self.duration[row, at], self.open[row, at]
+        return (
+            self.zeta[row, at],
+            self.movement[row, at],
+            self.after[row, at],
+            self.duration[row, at],
+            self.open[row, at],
+        )

@@ -101,4 +101,6 @@ def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]]) -> Move
     joined = action[ticks[:, 1] > 0, 1]
     alone = np.flatnonzero((ticks[:, 1] == 0) & (action[:, 0] == joined[0])) if len(joined) else ()
     walk = int(alone[0]) if len(alone) else -1
-    return Movements(names=tuple(name for name, _ in found), action=action, ticks=ticks, length=length, walk=walk, way=way)
+    return Movements(
+        names=tuple(name for name, _ in found), action=action, ticks=ticks, length=length, walk=walk, way=way
+    )

@@ -14,9 +14,7 @@ Activation = Callable[[Tensor], Tensor]
 class Perceptrons:
     """n multilayer perceptrons of one shape, each with its own weights."""
 
-    def __init__(
-        self, n: int, sizes: Sequence[int], activation: Activation, generator: torch.Generator
-    ) -> None:
+    def __init__(self, n: int, sizes: Sequence[int], activation: Activation, generator: torch.Generator) -> None:
         """Draw weights uniformly within 1 / sqrt(fan in), for layers of `sizes`."""
         self.activation = activation
         self.weights: list[Tensor] = []  # per layer: (n, in, out), (n, 1, out)

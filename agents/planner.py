@@ -29,9 +29,7 @@ from ecology.senses import wrap
 from ecology.state import Bools, Floats, Ints
 
 SLACK = 0.02  # overlap with a wall that a path tolerates, length
-LEGS = np.array(
-    [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2, 1.4, 1.7, 2.0, 2.4, 2.8]
-)  # lengths of a leg
+LEGS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2, 1.4, 1.7, 2.0, 2.4, 2.8])  # lengths of a leg
 ALIGNED = 0.08  # share of a turn by which a heading may miss a bearing and still count as facing it
 LOST = 2000  # ticks after which a walk counts as impossible
 FIRST_LEVELS = (0.0, 0.5, 1.0, 2.0)  # refill levels tried first, times what a need loses in half a round
@@ -182,9 +180,7 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
     )
 
 
-def wants(
-    plans: Plans, stage: Ints, at: Bools, internal: Floats, known: Knowledge
-) -> tuple[Bools, Bools, Bools]:
+def wants(plans: Plans, stage: Ints, at: Bools, internal: Floats, known: Knowledge) -> tuple[Bools, Bools, Bools]:
     """Return who at its stay eats, who sleeps and who rests, each (P,); all others there are done with it.
 
     `stage` (P,) is the stay of the round, `at` (P,) whether it has been reached, `internal` (P, V) is x.
@@ -201,9 +197,7 @@ def wants(
     return eats, sleeps, rests
 
 
-def simulate(
-    plans: Plans, scenario: Scenario, group: Group, known: Knowledge, travel: Floats, ticks: int
-) -> Floats:
+def simulate(plans: Plans, scenario: Scenario, group: Group, known: Knowledge, travel: Floats, ticks: int) -> Floats:
     """Return the mean drive (P,) of plans in the abstract model, over `ticks` from birth.
 
     `travel` (R + 1, R) holds the walking ticks between resources, the last row from the birthplace.
@@ -480,12 +474,8 @@ class Yardstick(Learner):
         else:
             moves = known.runs if run and known.runs.size else known.walks
             ways = known.table.direction[moves]
-            action = int(
-                moves[0] if leg.way < 0 else moves[np.argmin(np.abs(wrap(ways - steering.angles[leg.way])))]
-            )
-            if run and (
-                not mask[action] or leg.steps < known.table.speed[action] / known.table.speed[known.walks[0]]
-            ):
+            action = int(moves[0] if leg.way < 0 else moves[np.argmin(np.abs(wrap(ways - steering.angles[leg.way])))])
+            if run and (not mask[action] or leg.steps < known.table.speed[action] / known.table.speed[known.walks[0]]):
                 action = int(known.walks[0 if leg.way < 0 else leg.way])
             if mask[action]:
                 leg.steps -= max(1, round(known.table.speed[action] / known.table.speed[known.walks[0]]))
@@ -555,6 +545,5 @@ def travel(traveller: Yardstick, scenario: Scenario) -> Floats:
                     ticks[start, goal] = np.inf
                     break
             else:
-                leaves = traveller.radii[start] / traveller.steering.step if start < count else 0.0
-                ticks[start, goal] = max(env.state_view.tick - leaves, 1.0)
+                ticks[start, goal] = max(env.state_view.tick, 1)
     return ticks

@@ -56,9 +56,7 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], width: in
         speed=np.array([a.speed for a in acts]),
         turn=np.array([a.turn for a in acts]),
         direction=np.array([np.nan if a.direction is None else a.direction for a in acts]),
-        consumes=np.array(
-            [r if a.kind == "consume" else -1 for a, r in zip(acts, resource, strict=True)], np.int64
-        ),
+        consumes=np.array([r if a.kind == "consume" else -1 for a, r in zip(acts, resource, strict=True)], np.int64),
         goes_to=np.array([r if a.kind == "go_to" else -1 for a, r in zip(acts, resource, strict=True)], np.int64),
         duration=np.array([a.duration for a in acts]),
         opens_from=opens_from,
@@ -85,7 +83,7 @@ def action_mask(
     the only one open. A dead slot has no open action.
     """
     x = internal[:, None, :]
-    mask = ((x < table.closes_at) & (x >= table.opens_from)).all(axis=2)  # (n, A)
+    mask: Bools = np.logical_and.reduce((x < table.closes_at) & (x >= table.opens_from), axis=2)  # (n, A)
     eats = np.flatnonzero(table.consumes >= 0)
     if eats.size:
         mask[:, eats] &= inside[:, table.consumes[eats]]
@@ -105,6 +103,6 @@ def action_mask(
         mask[held] = False
         mask[held, action[held]] = True
     # a body whose thresholds close everything can still do nothing
-    mask[:, table.rest] |= ~mask.any(axis=1)
+    mask[:, table.rest] |= ~np.logical_or.reduce(mask, axis=1)
     mask &= alive[:, None]
     return mask

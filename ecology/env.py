@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -68,11 +68,9 @@ class Ecology(ParallelEnv):
     to), and `infos[agent]["closed"]` says so.
     """
 
-    metadata = {"name": "ecology", "render_modes": ["rgb_array"], "is_parallelizable": True}
+    metadata: ClassVar[dict[str, Any]] = {"name": "ecology", "render_modes": ["rgb_array"], "is_parallelizable": True}
 
-    def __init__(
-        self, scenario: Scenario, *, horizon: int | None = None, render_mode: str | None = None
-    ) -> None:
+    def __init__(self, scenario: Scenario, *, horizon: int | None = None, render_mode: str | None = None) -> None:
         """Build the world of `scenario`; after `horizon` ticks every agent is truncated."""
         require(
             isinstance(scenario, Scenario),
@@ -136,9 +134,7 @@ class Ecology(ParallelEnv):
             )
             self._seed = int(seed)
         streams = np.random.SeedSequence(self._seed).spawn(len(CONCERNS))
-        self._rng = {
-            name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)
-        }
+        self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
         n, resources = self.size, len(self._resources)
         places = [place(self.scenario.arena, s, s.count, self._rng["birth"]) for s in self.scenario.species]
         position = np.concatenate([p for p, _ in places])
@@ -184,9 +180,7 @@ class Ecology(ParallelEnv):
         state.returned += returned
         # physiology: bodies drift, act and are disturbed
         before = state.drive
-        internal = physiology.advance(
-            body, state.internal, control, state.time, state.age, self.dt, self._rng["noise"]
-        )
+        internal = physiology.advance(body, state.internal, control, state.time, state.age, self.dt, self._rng["noise"])
         # births and deaths
         died = physiology.fatal(body, internal) & state.alive if body.deadly else np.zeros(self.size, bool)
         alive = state.alive & ~died
@@ -263,9 +257,11 @@ class Ecology(ParallelEnv):
         state.inside, state.seen = senses.reach_and_sight(
             self._eyes, state.position, state.heading, state.alive, state.resource_position
         )
-        arrived = state.inside[np.arange(self.size), state.bound_for] & (state.bound_for >= 0) if len(
-            self._resources
-        ) else np.zeros(self.size, bool)
+        arrived = (
+            state.inside[np.arange(self.size), state.bound_for] & (state.bound_for >= 0)
+            if len(self._resources)
+            else np.zeros(self.size, bool)
+        )
         state.bound_for[arrived] = -1
         self._masks = {
             group.name: action_mask(
@@ -431,7 +427,7 @@ class Ecology(ParallelEnv):
                     else f"there is no agent {name!r}. {nearest(str(name), self.agents)}"
                 )
             require(
-                isinstance(action, (int, np.integer)) and not isinstance(action, bool)
+                (isinstance(action, (int, np.integer)) and not isinstance(action, bool))
                 or (isinstance(action, np.ndarray) and action.shape == () and action.dtype.kind in "iu"),
                 f"the action of {name} must be a whole number, got {action!r}.",
             )

@@ -9,9 +9,7 @@ from ecology.spec import Arena, Species
 from ecology.state import Floats
 
 
-def place(
-    arena: Arena, species: Species, count: int, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
+def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return positions (count, 2) and headings (count,) at birth.
 
     Where the species fixes neither, they are drawn uniformly over the arena, a body's radius away

@@ -129,4 +129,4 @@ def clamp(body: Body, internal: Floats) -> Floats:
 def fatal(body: Body, internal: Floats) -> Bools:
     """Return who has a lethal need beyond its bounds, (n,); ask before `clamp`."""
     beyond = (internal < body.low) | (internal > body.high)
-    return (beyond & body.lethal).any(axis=1)
+    return np.logical_or.reduce(beyond & body.lethal, axis=1)

@@ -34,9 +34,7 @@ class Scenario:
             isinstance(self.ticks, int) and self.ticks > 0,
             f"{owner}: ticks must be a positive whole number, got {self.ticks!r}.",
         )
-        require(
-            self.day is None or self.day > 0, f"{owner}: day must be a positive length, got {self.day!r}."
-        )
+        require(self.day is None or self.day > 0, f"{owner}: day must be a positive length, got {self.day!r}.")
         for what, names in (
             ("species", [species.name for species in self.species]),
             ("resource", [resource.name for resource in self.resources]),

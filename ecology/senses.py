@@ -37,13 +37,27 @@ def layout(species: Species, arena: Arena) -> Layout:
     corners = np.array(arena.vertices)
     low, high = corners.min(axis=0), corners.max(axis=0)
     rows: list[tuple[str, str, float, float, float, bool]] = [
-        (need.name, "deviation", need.scale, need.low - need.set_point, need.bounds[1] - need.set_point, need.regulated)
+        (
+            need.name,
+            "deviation",
+            need.scale,
+            need.low - need.set_point,
+            need.bounds[1] - need.set_point,
+            need.regulated,
+        )
         for need in species.needs
     ]
     for sense in species.senses:
         if sense == "position":
             rows += [
-                (axis, "position", max(float(high[i] - low[i]) / 2, 1e-6), float(low[i]), float(high[i]), False)
+                (
+                    axis,
+                    "position",
+                    max(float(high[i] - low[i]) / 2, 1e-6),
+                    float(low[i]),
+                    float(high[i]),
+                    False,
+                )
                 for i, axis in enumerate("xy")
             ]
         elif sense == "heading":
@@ -136,7 +150,7 @@ def clear(eyes: Eyes, start: Floats, end: Floats) -> Bools:
     sign = np.sign(cross)
     t, s, size = t * sign, s * sign, np.abs(cross)
     hit = (size > 0) & (t >= 0) & (t <= size) & (s >= 0) & (s <= size)
-    return ~hit.any(axis=1)
+    return ~np.logical_or.reduce(hit, axis=1)
 
 
 def reach_and_sight(

@@ -266,9 +266,7 @@ class Species:
             f"{owner}: view_angle must lie in (0, 2 pi] radians, got {self.view_angle!r}.",
         )
         require(self.view_range > 0, f"{owner}: view_range must be positive, got {self.view_range!r}.")
-        require(
-            self.drive_epsilon > 0, f"{owner}: drive_epsilon must be positive, got {self.drive_epsilon!r}."
-        )
+        require(self.drive_epsilon > 0, f"{owner}: drive_epsilon must be positive, got {self.drive_epsilon!r}.")
         require(
             self.commitment in ("free", "committed"),
             f"{owner}: commitment is 'free' or 'committed', got {self.commitment!r}.",

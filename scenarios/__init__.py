@@ -18,9 +18,7 @@ HERE = Path(__file__).parent
 
 def names() -> list[str]:
     """Return the names of the scenarios that ship, sorted."""
-    return sorted(
-        path.stem for path in HERE.glob("*.py") if path.stem != "cli" and not path.stem.startswith("_")
-    )
+    return sorted(path.stem for path in HERE.glob("*.py") if path.stem != "cli" and not path.stem.startswith("_"))
 
 
 def module(name: str) -> ModuleType:
@@ -49,9 +47,7 @@ def module(name: str) -> ModuleType:
     except EcologyError:
         raise
     except Exception as error:
-        raise EcologyError(
-            f"the scenario file {str(path)!r} does not run: {type(error).__name__}: {error}."
-        ) from error
+        raise EcologyError(f"the scenario file {str(path)!r} does not run: {type(error).__name__}: {error}.") from error
     if not callable(getattr(loaded, "build", None)):
         raise EcologyError(
             f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
@@ -115,8 +111,6 @@ def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any])
         else:
             good = isinstance(value, type(default))
         if not good:
-            raise EcologyError(
-                f"the setting {key!r} of scenario {name!r} is like {default!r}; got {value!r}."
-            )
+            raise EcologyError(f"the setting {key!r} of scenario {name!r} is like {default!r}; got {value!r}.")
         checked[key] = value
     return checked

@@ -63,17 +63,12 @@ class Plan:
             **{key: getattr(self, key) for key in PLAIN},
             "settings": self.settings,
             "learners": {
-                species: {"name": choice.name, "settings": choice.settings}
-                for species, choice in self.learners.items()
+                species: {"name": choice.name, "settings": choice.settings} for species, choice in self.learners.items()
             },
             "made_with": {"dt": float(self.load().dt), "python": platform.python_version(), **versions()},
         }
         head = "# Repeat this run with: ecology run --config config.toml --out ANOTHER_FOLDER\n"
-        return (
-            head
-            + "# [made_with] says what it was made with and is not read.\n"
-            + tomli_w.dumps(_toml(words, ""))
-        )
+        return head + "# [made_with] says what it was made with and is not read.\n" + tomli_w.dumps(_toml(words, ""))
 
 
 PLAIN = {  # keys of config.toml that are not tables, and what they are
@@ -105,15 +100,10 @@ def read_config(path: Path) -> dict[str, Any]:
         if type(value) is not kind:
             raise EcologyError(f"the config {str(path)!r}: {key} is a {kind.__name__}, got {value!r}.")
     for species, choice in words.get("learners", {}).items():
-        good = (
-            isinstance(choice, dict)
-            and set(choice) <= {"name", "settings"}
-            and isinstance(choice.get("name"), str)
-        )
+        good = isinstance(choice, dict) and set(choice) <= {"name", "settings"} and isinstance(choice.get("name"), str)
         if not good or not isinstance(choice.get("settings", {}), dict):
             raise EcologyError(
-                f"the config {str(path)!r}: [learners.{species}] holds a name and a table settings, "
-                f"got {choice!r}."
+                f"the config {str(path)!r}: [learners.{species}] holds a name and a table settings, got {choice!r}."
             )
     return words
 
@@ -168,14 +158,15 @@ def resolve(
                 chosen[owner] = (name, {})
     for unknown in given.keys() - chosen.keys():
         raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
-    resolved = _tweaked(chosen, tweaks)
+    ticks = world.ticks if ticks is None else ticks
+    resolved = _tweaked(chosen, tweaks, life=ticks * float(world.dt))
     device = words.get("device", "cpu")
     _check_device(device, resolved)
     plan = Plan(
         scenario=os.path.abspath(scenario) if scenario.endswith(".py") else scenario,
         settings={key: value for key, value in world.settings.items() if key != "ticks"},
         learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
-        ticks=world.ticks if ticks is None else ticks,
+        ticks=ticks,
         **{key: words[key] for key in PLAIN if key in words and key not in ("scenario", "ticks")},
     )
     for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1)):
@@ -194,9 +185,15 @@ def _owners(species: str, chosen: Chosen) -> list[str]:
     return [species] if species else list(chosen)
 
 
-def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any]) -> Chosen:
-    """Return every learner with its defaults filled in and `tweaks` applied."""
+def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], life: float) -> Chosen:
+    """Return every learner with its defaults filled in and `tweaks` applied.
+
+    A learner's setting `life`, over which its schedules run, is by default the run's length.
+    """
     defaults = {owner: agents.settings(name) for owner, (name, _) in chosen.items()}
+    for settings in defaults.values():
+        if "life" in settings:
+            settings["life"] = life
     full = {owner: (name, {**defaults[owner], **own}) for owner, (name, own) in chosen.items()}
     for key, value in tweaks.items():
         match = re.fullmatch(r"(?:(\w+)\.)?learner\.(\w+)", key)

@@ -97,9 +97,7 @@ class Tally:
             "wall_seconds": round(self.seconds, 3),
             "agent_steps_per_second": _share(agent_steps, self.seconds),
             "mean_drive": self.mean_drive(),
-            "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10))
-            if self.tick
-            else None,
+            "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10)) if self.tick else None,
             "mean_abs_deviation": needs,
             "action_shares": shares,
             "deaths": self.deaths,
@@ -181,9 +179,7 @@ class Run:
         self.scenario = plan.load()
         self.env = Ecology(self.scenario)
         self.learners = {
-            species: agents.make(
-                choice.name, self.env.groups[species], learner_seed(plan.seed, i), choice.settings
-            )
+            species: agents.make(choice.name, self.env.groups[species], learner_seed(plan.seed, i), choice.settings)
             for i, (species, choice) in enumerate(plan.learners.items())
         }
         self.tally = Tally(self.scenario, self.env, plan.ticks)
@@ -249,9 +245,7 @@ class Run:
 
     def _longer_than(self, lived: int) -> None:
         if self.plan.ticks <= lived:
-            raise EcologyError(
-                f"the run {str(self.folder)!r} has lived its ticks; give more --ticks to go on."
-            )
+            raise EcologyError(f"the run {str(self.folder)!r} has lived its ticks; give more --ticks to go on.")
 
     def live(self, observers: Sequence[Observer] = ()) -> dict[str, Any]:
         """Live to the plan's ticks, and return the summary; whatever happens, the folder is left readable.

@@ -6,7 +6,6 @@ What is slow to load (torch, rerun, matplotlib) is loaded by the command that ne
 from __future__ import annotations
 
 import ast
-import importlib.util
 import os
 import subprocess
 import sys
@@ -62,12 +61,7 @@ def main(words: Sequence[str] | None = None) -> None:
 @app.command("list")
 def list_() -> None:
     """Show the scenarios and the learners, one line each."""
-    where = {name: importlib.util.find_spec(module) for name, (module, _) in agents.LEARNERS.items()}
-    learners = {
-        name: _first_line(Path(spec.origin), agents.LEARNERS[name][1])
-        for name, spec in where.items()
-        if spec is not None and spec.origin is not None
-    }
+    learners = {name: line for name, (_, _, _, line) in agents.LEARNERS.items()}
     worlds = {name: _first_line(scenarios.HERE / f"{name}.py") for name in scenarios.names()}
     width = max(map(len, [*worlds, *learners]))
     for title, lines in (("scenarios", worlds), ("learners", learners)):
@@ -76,17 +70,12 @@ def list_() -> None:
             print(f"  {name:<{width}}  {line}")
 
 
-def _first_line(path: Path, cls: str | None = None) -> str:
-    """Return the first line of the docstring of a file, or of a class in it, without running it."""
+def _first_line(path: Path) -> str:
+    """Return the first line of the docstring of a file, without running it."""
     try:
-        node: ast.Module | ast.ClassDef = ast.parse(path.read_text(encoding="utf-8"))
+        node = ast.parse(path.read_text(encoding="utf-8"))
     except (OSError, SyntaxError) as error:
         return f"(cannot be read: {error})"
-    if cls is not None:
-        found = [n for n in node.body if isinstance(n, ast.ClassDef) and n.name == cls]
-        if not found:
-            return f"(there is no class {cls} in {path.name})"
-        node = found[0]
     return (ast.get_docstring(node) or "").partition("\n")[0]
 
 
@@ -113,33 +102,21 @@ def new(name: Annotated[str, typer.Argument(help="A Python word; NAME.py is writ
 
 @app.command()
 def run(
-    scenario: Annotated[
-        str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")
-    ] = None,
-    ticks: Annotated[
-        int | None, typer.Option(min=1, help="Length of the run.  [default: the scenario's]")
-    ] = None,
+    scenario: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.  [default: the scenario's]")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of everything random.  [default: 0]")] = None,
     learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME", help="Who learns.")] = None,
     set_: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="A setting: KEY, learner.KEY or SPECIES.learner.KEY."
-        ),
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting: KEY, learner.KEY or SPECIES.learner.KEY."),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder of the run.  [default: runs/SCENARIO-SEED]")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run.  [default: runs/SCENARIO-SEED]")] = None,
     config: Annotated[Path | None, typer.Option(help="A config.toml to repeat.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Folder of a run to go on with.")] = None,
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
-    connect: Annotated[
-        str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")
-    ] = None,
-    record: Annotated[
-        bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")
-    ] = None,
+    connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
+    record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda or cuda:N.  [default: cpu]")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
@@ -171,9 +148,7 @@ def run(
         summary = it.live(observers)
     except StoppedError as stopped:
         if not quiet:
-            print(
-                f"stopped by {stopped} at tick {it.tally.tick}; go on with: ecology run --resume {it.folder}"
-            )
+            print(f"stopped by {stopped} at tick {it.tally.tick}; go on with: ecology run --resume {it.folder}")
         raise
     if not quiet:
         _say(it.folder, summary)
@@ -183,9 +158,7 @@ def _refuse(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
             word = name if name.isupper() else f"--{name}"
-            raise EcologyError(
-                f"{option} goes on with a run as it was told; leave out {word}, or start a run anew."
-            )
+            raise EcologyError(f"{option} goes on with a run as it was told; leave out {word}, or start a run anew.")
 
 
 def _setting(text: str) -> tuple[str, Any]:
@@ -380,9 +353,7 @@ def evaluate(
 def _say_findings(report: Mapping[str, Any]) -> None:
     """Print an evaluation as tables."""
     console = Console()
-    drives = Table(
-        "", "mean drive", "95 % interval", title=f"{report['scenario']}, {report['ticks']:,} ticks"
-    )
+    drives = Table("", "mean drive", "95 % interval", title=f"{report['scenario']}, {report['ticks']:,} ticks")
     known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
     for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
         interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"

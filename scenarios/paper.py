@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-from ecology import Action, Arena, Need, Resource, Scenario, Species
-from ecology import consume, go_to, move, rest, sleep, turn
+from ecology import Action, Arena, Need, Resource, Scenario, Species, consume, go_to, move, rest, sleep, turn
 
 ARENA = Arena(
     vertices=(
@@ -37,9 +36,7 @@ def build(
     ticks: int = 100_000,
 ) -> Scenario:
     """Return the world: `heading` False gives four absolute directions instead of turns."""
-    foods = tuple(
-        Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES)
-    )
+    foods = tuple(Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES))
     needs = tuple(
         Need(name=f"need_{i + 1}", set_point=level, decay=decay, bounds=(0.0, 2 * level))
         for i, level in enumerate(set_points)

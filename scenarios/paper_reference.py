@@ -60,9 +60,7 @@ def build(
     if arena not in WORLDS:
         raise EcologyError(f"arena is one of {', '.join(map(repr, WORLDS))}, got {arena!r}.")
     walls, count = WORLDS[arena]
-    foods = tuple(
-        Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES[:count])
-    )
+    foods = tuple(Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES[:count]))
     needs = tuple(
         Need(
             name=f"need_{i}",
@@ -121,6 +119,4 @@ def build(
         collapse={"sleep_fatigue": COLLAPSE},
         commitment=commitment,  # type: ignore[arg-type]
     )
-    return Scenario(
-        name="paper_reference", arena=walls, resources=foods, species=(agent,), dt=dt, ticks=ticks
-    )
+    return Scenario(name="paper_reference", arena=walls, resources=foods, species=(agent,), dt=dt, ticks=ticks)

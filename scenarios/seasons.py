@@ -61,6 +61,4 @@ def build(
         position=(2.0, 2.0),
         senses=("position", "clock"),
     )
-    return Scenario(
-        name="seasons", arena=ROOM, resources=places, species=(agent,), day=day, dt=dt, ticks=ticks
-    )
+    return Scenario(name="seasons", arena=ROOM, resources=places, species=(agent,), day=day, dt=dt, ticks=ticks)

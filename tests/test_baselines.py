@@ -195,9 +195,7 @@ def test_yardsticks_keep_to_the_mask(quick):
 
 def test_camping_holds_its_need_near_the_set_point(quick, room):
     """Where one resource serves the one need, camping keeps the drive near nothing."""
-    scenario = room(
-        needs=(Need(name="food", set_point=2.0, decay=0.01, bounds=(0.0, 4.0)),), position=(2.0, 2.0)
-    )
+    scenario = room(needs=(Need(name="food", set_point=2.0, decay=0.01, bounds=(0.0, 4.0)),), position=(2.0, 2.0))
     learner = Camping(Ecology(scenario).groups["agent"], SEED, scenario)
     assert mean_drive(scenario, learner, 600, 0, skip=200).mean() < 0.12
 

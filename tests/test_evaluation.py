@@ -146,9 +146,7 @@ def test_maps_of_a_mind_that_knows_nothing(world):
     """A flat J has no rank correlation; a mind without a J has no maps."""
     scenario, group = world
     maps = maps_of(scenario, Known(group, J=lambda zeta: np.ones(len(zeta))))
-    assert all(
-        row["spearman_with_walking_distance"] is None for row in maps_report(maps, scenario, group).values()
-    )
+    assert all(row["spearman_with_walking_distance"] is None for row in maps_report(maps, scenario, group).values())
     assert maps_of(scenario, Known(group)) is None
 
 

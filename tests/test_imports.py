@@ -18,9 +18,7 @@ def loaded_by(statement, tmp_path):
         f"{statement}\nimport json, sys\n"
         "print(json.dumps({name: getattr(module, '__file__', None) for name, module in sys.modules.items()}))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

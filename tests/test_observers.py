@@ -147,9 +147,7 @@ def test_metrics_hold_every_sampled_tick_and_living_agent(tmp_path, world):
     env = live(world(), witness, Recorder(path, every=5))
     rows = pq.read_table(path).to_pylist()
     assert not parts_of(path).exists()
-    expected = [
-        (tick, slot) for tick in range(5, TICKS + 1, 5) for slot in np.flatnonzero(witness.states[tick].alive)
-    ]
+    expected = [(tick, slot) for tick in range(5, TICKS + 1, 5) for slot in np.flatnonzero(witness.states[tick].alive)]
     assert len(rows) == len(expected)
     for row, (tick, slot) in zip(rows, expected, strict=True):
         state, group = witness.states[tick], env._group_of[slot]
@@ -251,9 +249,7 @@ def test_a_recording_reads_back(tmp_path):
             seen = np.array(positions[tick // 2])
             np.testing.assert_allclose(seen[alive], state.position[group.slots][alive], atol=1e-6)
             assert np.isnan(seen[~alive]).all()
-            np.testing.assert_allclose(
-                np.array(drives[tick // 2])[alive], state.drive[group.slots][alive], atol=1e-5
-            )
+            np.testing.assert_allclose(np.array(drives[tick // 2])[alive], state.drive[group.slots][alive], atol=1e-5)
             np.testing.assert_allclose(
                 np.array(foods[tick // 2])[alive], state.internal[group.slots, 1][alive], atol=1e-5
             )
@@ -262,9 +258,7 @@ def test_a_recording_reads_back(tmp_path):
         first = group.slots.start
         ticks, deviations = column(path, f"/focus/{name}/deviation", "Scalars:scalars")
         target = np.array([need.set_point for need in species.needs])
-        np.testing.assert_allclose(
-            deviations[4], witness.states[8].internal[first, : len(target)] - target, atol=1e-5
-        )
+        np.testing.assert_allclose(deviations[4], witness.states[8].internal[first, : len(target)] - target, atol=1e-5)
         ticks, actions = column(path, f"/focus/{name}/action", "StateChange:state")
         done = {t: a[0] for t, a in zip(ticks.tolist(), actions, strict=True)}
         shown = ""

@@ -153,9 +153,7 @@ def test_the_dead_touch_nothing():
 
 def test_the_dead_stay_where_they_died(room):
     """In a world, a dead body is walked through and keeps its place."""
-    scenario = room(
-        needs=(ecology.Need(name="food", set_point=2.0, bounds=(0.0, 4.0), lethal=True),), count=2
-    )
+    scenario = room(needs=(ecology.Need(name="food", set_point=2.0, bounds=(0.0, 4.0), lethal=True),), count=2)
     env = ecology.parallel_env(scenario)
     env.reset_arrays(seed=0)
     env.put(position=np.array([[3.0, 5.0], [4.0, 5.0]]), heading=np.zeros(2), alive=np.array([True, False]))

@@ -204,9 +204,7 @@ def test_four_directions():
     for way in ("east", "north", "west", "south"):
         do(env, f"walk_{way}")
         places.append(env.state_view.position[0].copy())
-    assert np.diff(places, axis=0) == pytest.approx(
-        np.array([[0.1, 0], [0, 0.1], [-0.1, 0], [0, -0.1]]), abs=1e-12
-    )
+    assert np.diff(places, axis=0) == pytest.approx(np.array([[0.1, 0], [0, 0.1], [-0.1, 0], [0, -0.1]]), abs=1e-12)
 
 
 def test_two_needs_cannot_be_held_at_once():

@@ -265,7 +265,7 @@ def test_a_network_that_diverges_stops_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The error names tick, agent and what to do; the folder keeps the run and the last good checkpoint."""
-    monkeypatch.setattr(agents, "LEARNERS", {**agents.LEARNERS, "diverging": (__name__, "Diverging")})
+    monkeypatch.setattr(agents, "LEARNERS", {**agents.LEARNERS, "diverging": (__name__, "Diverging", None, "")})
     (tmp_path / "crowd.py").write_text(CROWD)
     (tmp_path / "config.toml").write_text("checkpoint_every = 20\nrecord_every = 1")
     words = [

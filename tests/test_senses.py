@@ -9,7 +9,7 @@ import shapely
 import ecology
 import scenarios
 from ecology import senses
-from scenarios.paper import ARENA, PLACES
+from scenarios.paper import ARENA, PLACES, WALK_UP_TO
 
 
 def look(position, heading=0.0, name="paper", **settings):
@@ -216,7 +216,7 @@ def test_exhaustion_ends_even_a_committed_go_to(act):
     env.reset_arrays(seed=0)
     act(env, "go_to_food_2")
     internal = env.state_view.internal.copy()
-    internal[0, 4] = 6.0
+    internal[0, 4] = WALK_UP_TO
     names = open_actions(env, env.put(internal=internal))
     assert "go_to_food_2" not in names
     assert "rest" in names

@@ -73,8 +73,7 @@ def shaded(colour: Colour, light: float) -> Colour:
 def highest_drive(scenario: Scenario) -> float:
     """Return the drive at the top of the colour scale: every regulated need off by its ordinary size."""
     return max(
-        math.sqrt(s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated))
-        for s in scenario.species
+        math.sqrt(s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated)) for s in scenario.species
     )
 
 

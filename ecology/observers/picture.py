@@ -29,9 +29,7 @@ def draw(scenario: Scenario, state: State) -> np.ndarray:
         scenario.resources, state.resource_position, resource_colours(scenario), strict=True
     ):
         _circles(axes, place[None], resource.radius, [_unit(colour)], alpha=0.45, zorder=2)
-        axes.annotate(
-            resource.name, place - [0, resource.radius], ha="center", va="top", fontsize=8, zorder=5
-        )
+        axes.annotate(resource.name, place - [0, resource.radius], ha="center", va="top", fontsize=8, zorder=5)
     drives = ScalarMappable(Normalize(0, highest_drive(scenario)), ListedColormap(scale("plasma") / 255))
     start, handles = 0, []
     for i, species in enumerate(scenario.species):

@@ -209,9 +209,7 @@ class RerunObserver:
             self._rec.set_sinks(*sinks, default_blueprint=self._scene.blueprint())
         self._scene.open(self._rec)
 
-    def _sample(
-        self, state: State, reward: np.ndarray, action: np.ndarray, minds: Mapping[str, Mind]
-    ) -> None:
+    def _sample(self, state: State, reward: np.ndarray, action: np.ndarray, minds: Mapping[str, Mind]) -> None:
         """Copy what a sample shows."""
         alive = state.alive
         self._steps.append(_placed(state))
@@ -239,9 +237,7 @@ class RerunObserver:
 
     def _deviation(self, scenario: Scenario, group: Group, slot: int) -> np.ndarray | None:
         species = scenario.species[group.index]
-        return maps.deviation_maps(
-            species, group, self._minds[group.name], slot - group.slots.start, self._grid
-        )
+        return maps.deviation_maps(species, group, self._minds[group.name], slot - group.slots.start, self._grid)
 
     def _map(self, tick: int, now: float) -> None:
         """Draw the deviation maps of the focus agents as they are."""
@@ -338,9 +334,7 @@ class Scene:
             shades = [colours.species_colour(g.index) for g in self.groups.values()]
             rec.log(
                 "world/legend/species",
-                rr.Points2D(
-                    places, radii=0.01 * size, colors=shades, labels=list(self.groups), show_labels=True
-                ),
+                rr.Points2D(places, radii=0.01 * size, colors=shades, labels=list(self.groups), show_labels=True),
                 static=True,
             )
 
@@ -460,9 +454,7 @@ class Scene:
                     rr.TimeColumn("tick", sequence=column["tick"][changed]),
                     rr.TimeColumn("sim_time", duration=column["time"][changed]),
                 ],
-                rr.StateChange.columns(
-                    state=[species.actions[a].name if a >= 0 else "" for a in action[changed]]
-                ),
+                rr.StateChange.columns(state=[species.actions[a].name if a >= 0 else "" for a in action[changed]]),
             )
 
     def _draw_resources(self, rec: rr.RecordingStream, sample: Mapping[str, Any]) -> None:
@@ -501,9 +493,7 @@ class Scene:
                     return x, top
         return x, y - radius
 
-    def draw_maps(
-        self, rec: rr.RecordingStream, tick: int, now: float, name: str, found: np.ndarray | None
-    ) -> None:
+    def draw_maps(self, rec: rr.RecordingStream, tick: int, now: float, name: str, found: np.ndarray | None) -> None:
         """Send the deviation maps (k, rows, columns) of a species' focus agent."""
         if found is None or not np.isfinite(found).any():
             return
@@ -594,9 +584,7 @@ class Scene:
         end, at = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative
         always = rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=end, end=end))
         # in ticks, the timeline of the first screen; on sim_time the lane shows the present action alone
-        latest = rrb.TimeAxis(
-            link="Independent", view_range=rrb.TimeRange(start=at(seq=-ACTION_TICKS), end=at(seq=0))
-        )
+        latest = rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=at(seq=-ACTION_TICKS), end=at(seq=0)))
         legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
         losses, numbers = _losses(self.told[name])
         views: list[rrb.View | rrb.Container] = [
@@ -683,27 +671,21 @@ def _packed(shade: np.ndarray) -> np.ndarray:
     return (r << 24) | (g << 16) | (b << 8) | np.uint32(255)
 
 
-def _lay(
-    rec: rr.RecordingStream, entity: str, corner: tuple[float, float], cell: tuple[float, float]
-) -> None:
+def _lay(rec: rr.RecordingStream, entity: str, corner: tuple[float, float], cell: tuple[float, float]) -> None:
     """Lay the images of `entity` on the plane: lower left corner, size of a pixel."""
     rec.log(entity, rr.Transform3D(translation=[*corner, 0], scale=[*cell, 1]), static=True)
 
 
 def _text(places: Any, words: Sequence[str], shades: Sequence[colours.Colour]) -> tuple[rr.Points2D]:
     """Return words just below `places` (n, 2)."""
-    return (
-        rr.Points2D(places, radii=1e-4, labels=list(words), colors=shades, show_labels=True, draw_order=30),
-    )
+    return (rr.Points2D(places, radii=1e-4, labels=list(words), colors=shades, show_labels=True, draw_order=30),)
 
 
 def _write(rec: rr.RecordingStream, entity: str, places: Any, words: Sequence[str]) -> None:
     rec.log(entity, *_text(places, words, [INK] * len(words)), static=True)
 
 
-def _series(
-    rec: rr.RecordingStream, entity: str, words: Sequence[str], shades: Sequence[colours.Colour]
-) -> None:
+def _series(rec: rr.RecordingStream, entity: str, words: Sequence[str], shades: Sequence[colours.Colour]) -> None:
     lines = rr.SeriesLines(names=list(words), colors=list(shades[: len(words)]), widths=[1.5] * len(words))
     rec.log(entity, lines, static=True)
 

@@ -106,9 +106,7 @@ def mended(path: Path, target: Path) -> Path:
 
 def free_port(host: str, port: int) -> int:
     """Return `port`, or one that is free for 0; EcologyError where it is taken."""
-    require(
-        isinstance(port, int) and 0 <= port < 65536, f"a port is a whole number below 65536, got {port!r}."
-    )
+    require(isinstance(port, int) and 0 <= port < 65536, f"a port is a whole number below 65536, got {port!r}.")
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -124,9 +122,7 @@ def checked_url(url: str) -> str:
     """Return `url` if it can be a viewer's address."""
     parts = urllib.parse.urlsplit(url)
     require(
-        parts.scheme in ("rerun", "rerun+http", "rerun+https")
-        and bool(parts.hostname)
-        and parts.path == "/proxy",
+        parts.scheme in ("rerun", "rerun+http", "rerun+https") and bool(parts.hostname) and parts.path == "/proxy",
         f"a viewer's address is rerun+http://HOST:PORT/proxy, got {url!r}.",
     )
     return url
@@ -148,9 +144,7 @@ def viewer_process(*arguments: str, errors: int = subprocess.DEVNULL) -> Iterato
                 process.wait()
 
 
-def _start(
-    *arguments: str, errors: int = subprocess.DEVNULL, own_session: bool = False
-) -> subprocess.Popen[bytes]:
+def _start(*arguments: str, errors: int = subprocess.DEVNULL, own_session: bool = False) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [*_viewer(), "--bind", LOOPBACK, *arguments],
         stdin=subprocess.DEVNULL,
