@@ -1,6 +1,5 @@
 # Everything lives in .venv: the packages of constraints.txt and the project itself.
 # Another Python: make PYTHON=python3.12 install
-# A smaller torch, without CUDA: make PIP_FLAGS="--extra-index-url https://download.pytorch.org/whl/cpu" install
 PYTHON ?= python3
 PIP_FLAGS ?=
 PYTEST_FLAGS ?=

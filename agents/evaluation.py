@@ -483,7 +483,8 @@ def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot:
         left -= 1
         here, mask = env.state_view.position[me], tick.masks[group.name][slot]
         way = moves.way[movement, stage]
-        over = left <= 0 or (way > 0 and math.dist(here, before) < BLOCKED * way)
+        stopped = ticks >= moves.patience and math.dist(here, before) < BLOCKED * way
+        over = left <= 0 or stopped
         before = here.copy()
         if over and stage == 0 and moves.ticks[movement, 1] > 0:
             stage, left, over = 1, int(moves.ticks[movement, 1]), False

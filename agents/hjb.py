@@ -58,7 +58,10 @@ class HJBSettings:
     learning_rate_final: float = 2e-4  # reached linearly in the second half of life
     adaptive_steps: bool = True  # a decision lasts as long as its movement (paper, "adaptive time steps")
     bearings: bool = True  # a turn and the walk after it are one movement
-    stride: float = 10.0  # length of a walk or rest
+    stride: float = 10.0  # length of a move
+    patience: float = 0.5  # share of a stride that a move lasts at least, though a wall stops it
+    pause: float = 10.0  # length of a rest
+    meal: float = 5.0  # length of a meal
     finite_difference: bool = True  # the HJB score over a whole movement instead of its first-order limit
     minimum_in_loss: bool = True  # L_J is the residual of the HJB equation, its min included
     replay: bool = True  # learn from remembered decisions, not the newest alone (Mnih et al. 2015)
@@ -150,7 +153,9 @@ class HJB(Learner):
         self.settings = s = settings or HJBSettings()
         n = group.size
         self.moves: Movements = (
-            adaptive(group, bearings=s.bearings, stride=s.stride) if s.adaptive_steps else single_ticks(group)
+            adaptive(group, bearings=s.bearings, stride=s.stride, pause=s.pause, meal=s.meal, patience=s.patience)
+            if s.adaptive_steps
+            else single_ticks(group)
         )
         layout = group.layout
         kinds = np.array(layout.kinds)
@@ -205,7 +210,6 @@ class HJB(Learner):
         self.trail = np.zeros((n, TRAIL, self.components), np.float32)  # zeta on the way, by ticks elapsed
         self.trail_open = np.zeros((n, TRAIL, self.count), bool)
         self.age = np.zeros(n, np.int64)  # ticks learned
-        self.patience = round(s.stride / 2 / group.dt)  # ticks before a wall ends a move
         self.ticks = 0
         self.exploration: float | None = None  # fixed epsilon, in evaluation
         self.loss_f, self.loss_j = np.full(n, np.nan), np.full(n, np.nan)
@@ -333,7 +337,7 @@ class HJB(Learner):
         if len(self.place) == 2 and way.any():
             p = self.place.numpy()
             moved = np.hypot(*(observations[:, p] - self.last[:, p]).T)
-            over |= (way > 0) & (self.elapsed >= self.patience) & (moved < way * BLOCKED)
+            over |= (way > 0) & (self.elapsed >= moves.patience) & (moved < way * BLOCKED)
         following = over & (self.stage == 0) & (moves.ticks[at, 1] > 0) & under_way
         self.stage[following] = 1
         self.left[following] = moves.ticks[at, 1][following]
@@ -402,7 +406,7 @@ class HJB(Learner):
         same = np.where(second, self.moves.walk, np.where(self.stage[slots] == 0, movement, -1))
         stopped = self.left[slots] > 0
         moving = self.moves.way[movement, self.stage[slots]] > 0
-        stopped &= ~moving | (elapsed - passed >= self.patience)
+        stopped &= ~moving | (elapsed - passed >= self.moves.patience)
         same = np.where(stopped, same, -1)
         slots, passed = slots[some], passed[some]
         self.memory.add(

@@ -29,6 +29,7 @@ class Movements:
     ticks: np.ndarray  # int (M, 2) length of each stage, 0: no such stage
     length: np.ndarray  # (M,) ordinary length in ticks
     walk: int  # movement that is the second stage of others, alone; -1 without
+    patience: int  # ticks that a move lasts at least, though a wall stops it
     way: np.ndarray  # (M, 2) length moved per tick if nothing is in the way, 0: does not move
 
     def open(self, masks: np.ndarray) -> np.ndarray:
@@ -38,15 +39,22 @@ class Movements:
 
 def single_ticks(group: Group) -> Movements:
     """Return one movement of one tick per action: the fixed time step of Algorithm 1."""
-    return _table(group, [(name, [(i, 1)]) for i, name in enumerate(group.actions)])
+    return _table(group, [(name, [(i, 1)]) for i, name in enumerate(group.actions)], patience=1)
 
 
 def adaptive(
-    group: Group, *, bearings: bool, stride: float = 10.0, meal: float = 5.0, bearing: float = math.pi / 4
+    group: Group,
+    *,
+    bearings: bool,
+    stride: float = 10.0,
+    pause: float = 40.0,
+    meal: float = 5.0,
+    bearing: float = math.pi / 4,
+    patience: float = 1.0,
 ) -> Movements:
     """Return movements with adaptive time steps; lengths in units of time.
 
-    A move or rest lasts `stride`, a meal `meal`, a turn about `bearing` radians, go_to until it
+    A move lasts `stride`, a rest `pause`, a meal `meal`, a turn about `bearing` radians, go_to until it
     arrives, sleep its minimal duration. With `bearings`, turns are not decided alone: a turn toward
     a bearing and the slowest move forward are one movement.
     """
@@ -55,7 +63,7 @@ def adaptive(
     join = bearings and bool(turns) and bool(moves)
     found: list[tuple[str, list[tuple[int, int]]]] = []
     for i, (name, kind) in enumerate(zip(group.actions, group.kinds, strict=True)):
-        length = {"move": stride, "rest": stride, "consume": meal}.get(kind)
+        length = {"move": stride, "rest": pause, "consume": meal}.get(kind)
         if length is not None:
             found.append((name, [(i, _count(length, group.dt))]))
         elif kind == "go_to":
@@ -80,7 +88,7 @@ def adaptive(
                         [(i, k * ticks), (walk, _count(stride, group.dt))],
                     )
                 )
-    return _table(group, found)
+    return _table(group, found, patience=_count(stride * patience, group.dt))
 
 
 def _count(length: float, dt: float) -> int:
@@ -91,7 +99,7 @@ def _steps(group: Group, action: int, angle: float) -> int:
     return max(1, round(angle / (abs(float(group.turns[action])) * group.dt)))
 
 
-def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]]) -> Movements:
+def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]], *, patience: int) -> Movements:
     action = np.array([[stages[0][0], stages[-1][0]] for _, stages in found], dtype=np.int64)
     ticks = np.array([[s[0][1], s[1][1] if len(s) > 1 else 0] for _, s in found], dtype=np.int64)
     moving = np.array([kind == "move" for kind in group.kinds])
@@ -102,5 +110,11 @@ def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]]) -> Move
     alone = np.flatnonzero((ticks[:, 1] == 0) & (action[:, 0] == joined[0])) if len(joined) else ()
     walk = int(alone[0]) if len(alone) else -1
     return Movements(
-        names=tuple(name for name, _ in found), action=action, ticks=ticks, length=length, walk=walk, way=way
+        names=tuple(name for name, _ in found),
+        action=action,
+        ticks=ticks,
+        length=length,
+        walk=walk,
+        patience=patience,
+        way=way,
     )
