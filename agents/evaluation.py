@@ -17,7 +17,6 @@ from scipy import stats
 from agents import loop
 from agents.base import Learner
 from agents.baselines import Greedy, Random, Rest
-from agents.movements import BLOCKED
 from agents.planner import Camping, Paths, Planner, served
 from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
 from ecology.actions import ActionTable, compile_actions
@@ -475,17 +474,14 @@ def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot:
     actions = np.zeros(env.size, np.int64)
     for other in env.groups.values():
         actions[other.slots] = other.kinds.index("rest")
-    stage, left, ticks, before = 0, int(moves.ticks[movement, 0]), 0, position[slot]
+    stage, left, ticks = 0, int(moves.ticks[movement, 0]), 0
     while ticks < LONGEST:
         ticks += 1
         actions[me] = moves.action[movement, stage]
         tick = env.step_arrays(actions)
         left -= 1
-        here, mask = env.state_view.position[me], tick.masks[group.name][slot]
-        way = moves.way[movement, stage]
-        stopped = ticks >= moves.patience and math.dist(here, before) < BLOCKED * way
-        over = left <= 0 or stopped
-        before = here.copy()
+        mask = tick.masks[group.name][slot]
+        over = left <= 0
         if over and stage == 0 and moves.ticks[movement, 1] > 0:
             stage, left, over = 1, int(moves.ticks[movement, 1]), False
         if not mask[moves.action[movement, stage]] or (over and mask.sum() > 1):

@@ -25,7 +25,7 @@ from torch.nn import functional as F
 
 from agents.base import DivergedError, Learner, Transition
 from agents.memory import Memory
-from agents.movements import BLOCKED, Movements, adaptive, single_ticks
+from agents.movements import Movements, adaptive, single_ticks
 from agents.networks import Adam, Perceptrons, rows
 from ecology import EcologyError, Group
 from ecology.errors import nearest
@@ -54,13 +54,12 @@ class HJBSettings:
     epsilon_final: float = 0.1  # from `epsilon_until` of life on
     epsilon_until: float = 0.6  # share of life
     width: int = 64  # of both hidden layers of f and J
-    learning_rate: float = 1e-3
+    learning_rate: float = 4e-3
     learning_rate_final: float = 2e-4  # reached linearly in the second half of life
     adaptive_steps: bool = True  # a decision lasts as long as its movement (paper, "adaptive time steps")
     bearings: bool = True  # a turn and the walk after it are one movement
     stride: float = 10.0  # length of a move
-    patience: float = 0.5  # share of a stride that a move lasts at least, though a wall stops it
-    pause: float = 10.0  # length of a rest
+    pause: float = 40.0  # length of a rest
     meal: float = 5.0  # length of a meal
     finite_difference: bool = True  # the HJB score over a whole movement instead of its first-order limit
     minimum_in_loss: bool = True  # L_J is the residual of the HJB equation, its min included
@@ -71,13 +70,12 @@ class HJBSettings:
     recent_share: float = 0.4  # of the batch, from the last `recent` decisions
     recent: int = 300
     memory: int = 12_000  # decisions
-    update_every: float = 5.0  # units of time between gradient steps
+    update_every: float = 2.0  # units of time between gradient steps
     place_cells: int = 64  # Gaussian bumps of position, recruited where the agent has been; 0: none
     place_spacing: float = 0.75  # length between centres
     place_width: float = 0.6  # length, standard deviation of a bump
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
-    averaged: float = 0.005  # per update, share by which the averaged f and J that act follow; 0: no average
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
 
     def __post_init__(self) -> None:
@@ -88,7 +86,6 @@ class HJBSettings:
             ("epsilon_until", 0, 1 + 1e-9),
             ("recent_share", -1e-9, 1 + 1e-9),
             ("imagined", -1e-9, 1 + 1e-9),
-            ("averaged", -1e-9, 1 + 1e-9),
         ):
             value = getattr(self, name)
             if not low < value < high:
@@ -118,9 +115,12 @@ ALGORITHM1: Mapping[str, Any] = {
     "imagined": 0.0,
     "relative_weight": False,
     "intra_option": False,
-    "averaged": 0.0,
     "target_network": False,
+    "gamma": 0.99,
+    "learning_rate": 1e-3,
     "learning_rate_final": 1e-3,
+    "epsilon": 0.3,
+    "epsilon_final": 0.3,
 }
 
 
@@ -153,7 +153,7 @@ class HJB(Learner):
         self.settings = s = settings or HJBSettings()
         n = group.size
         self.moves: Movements = (
-            adaptive(group, bearings=s.bearings, stride=s.stride, pause=s.pause, meal=s.meal, patience=s.patience)
+            adaptive(group, bearings=s.bearings, stride=s.stride, pause=s.pause, meal=s.meal)
             if s.adaptive_steps
             else single_ticks(group)
         )
@@ -189,10 +189,8 @@ class HJB(Learner):
         w = s.width
         self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), F.relu, self.generator)
         self.J = Perceptrons(n, (inputs, w, w, 1), F.silu, self.generator)
-        # slow copies: J in its own target, and both in acting; the weights themselves where switched off
-        self.target = self._copy(self.J.weights, s.target_network)
-        self.calm_f = self._copy(self.f.weights, s.averaged > 0)
-        self.calm_j = self._copy(self.J.weights, s.averaged > 0)
+        # a slow copy of J, or J's own weights where it is switched off
+        self.target = [w.detach().clone() for w in self.J.weights] if s.target_network else self.J.weights
         self.adam_f, self.adam_j = Adam(self.f.weights), Adam(self.J.weights)
         self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count)
         self.cell_centre = torch.zeros(n, max(self.cells, 1), 2)
@@ -206,7 +204,6 @@ class HJB(Learner):
         self.elapsed = np.zeros(n, np.int64)  # ticks since the decision
         self.began = np.zeros((n, self.components), np.float32)  # zeta at the decision
         self.was_open = np.zeros((n, self.count), bool)
-        self.last = np.zeros((n, self.components), np.float32)  # zeta a tick ago
         self.trail = np.zeros((n, TRAIL, self.components), np.float32)  # zeta on the way, by ticks elapsed
         self.trail_open = np.zeros((n, TRAIL, self.count), bool)
         self.age = np.zeros(n, np.int64)  # ticks learned
@@ -214,10 +211,6 @@ class HJB(Learner):
         self.exploration: float | None = None  # fixed epsilon, in evaluation
         self.loss_f, self.loss_j = np.full(n, np.nan), np.full(n, np.nan)
         self.decisions = np.zeros(n, np.int64)
-
-    @staticmethod
-    def _copy(weights: Weights, wanted: bool) -> list[Tensor]:
-        return [w.detach().clone() if wanted else w for w in weights]
 
     # ---- f, J and the score ---------------------------------------------------------------
 
@@ -248,17 +241,13 @@ class HJB(Learner):
         out = self.J(self.features(zeta, index), weights)[..., 0]
         return self.worst * (J_CENTRE + J_SPREAD * out)
 
-    def changes(
-        self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def changes(self, zeta: Tensor, index: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Return f: changes (k, b, M, D) and durations (k, b, M) of all movements at zeta (k, b, D)."""
-        raw = self.f(self.features(zeta, index), rows(self.f.weights if weights is None else weights, index))
+        raw = self.f(self.features(zeta, index), rows(self.f.weights, index))
         out = raw.view(*zeta.shape[:2], self.count, self.components + 1) * self.unit
         return out[..., :-1], out[..., -1].clamp(self.group.dt, LONGEST)
 
-    def scores(
-        self, zeta: Tensor, index: Tensor | None = None, f: Weights | None = None, j: Weights | None = None
-    ) -> Tensor:
+    def scores(self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None) -> Tensor:
         """Return the HJB score of every movement, drive units, (k, b, M) at zeta (k, b, D).
 
         Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'); its limit for
@@ -267,15 +256,15 @@ class HJB(Learner):
         gamma = self.settings.gamma
         if self.settings.finite_difference:
             with torch.no_grad():
-                change, duration = self.changes(zeta, index, f)
+                change, duration = self.changes(zeta, index)
                 after = torch.minimum(torch.maximum(zeta[:, :, None] + change, self.low), self.high)
                 keep = gamma**duration
-                ahead = self.deviation_at(after.flatten(1, 2), index, j).view(keep.shape)
+                ahead = self.deviation_at(after.flatten(1, 2), index, weights).view(keep.shape)
                 return (1 - keep) * 0.5 * (self.drive(zeta)[..., None] + self.drive(after)) + keep * ahead
-        change, duration = self.changes(zeta, index, f)
+        change, duration = self.changes(zeta, index)
         change = change.detach()
         rate = change / duration.detach()[..., None]
-        slope = self.slope(zeta, index, j)
+        slope = self.slope(zeta, index, weights)
         return self.drive(zeta[:, :, None] + rate * self.group.dt) + (slope[:, :, None] * rate).sum(-1) / -math.log(
             gamma
         )
@@ -310,7 +299,7 @@ class HJB(Learner):
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Go on with the movements under way, decide where one has ended, and return actions (n,)."""
         rows_ = np.arange(self.size)
-        on = self._goes_on(observations, masks)
+        on = self._goes_on(masks)
         ended = np.flatnonzero(~on & (self.movement >= 0))
         if ended.size and self.learning:
             self._remember(ended, observations)
@@ -322,22 +311,15 @@ class HJB(Learner):
             self._decide(deciding, observations[deciding], masks[deciding])
         self.left -= 1
         self.elapsed += 1
-        self.last[:] = observations
         return self.moves.action[self.movement, self.stage][rows_]
 
-    def _goes_on(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+    def _goes_on(self, masks: np.ndarray) -> np.ndarray:
         """Return whose movement goes on, (n,), having passed to its second stage where due."""
         moves, at = self.moves, self.movement
         under_way = at >= 0
         rows_ = np.arange(self.size)
         action = moves.action[at, self.stage]
-        # a stage is over when its time is, or when a wall stops the move
         over = self.left <= 0
-        way = moves.way[at, self.stage]
-        if len(self.place) == 2 and way.any():
-            p = self.place.numpy()
-            moved = np.hypot(*(observations[:, p] - self.last[:, p]).T)
-            over |= (way > 0) & (self.elapsed >= moves.patience) & (moved < way * BLOCKED)
         following = over & (self.stage == 0) & (moves.ticks[at, 1] > 0) & under_way
         self.stage[following] = 1
         self.left[following] = moves.ticks[at, 1][following]
@@ -352,7 +334,7 @@ class HJB(Learner):
         index = None if len(slots) == self.size else torch.from_numpy(slots)
         with torch.no_grad():
             zeta = torch.from_numpy(observations)[:, None]
-            score = self.scores(zeta, index, self.calm_f, self.calm_j)[:, 0].detach().numpy()
+            score = self.scores(zeta, index)[:, 0].detach().numpy()
         if not np.isfinite(score).all():
             bad = int(slots[np.flatnonzero(~np.isfinite(score).all(axis=1))[0]])
             raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
@@ -390,7 +372,7 @@ class HJB(Learner):
         """Store the movements of `slots` that have just ended at `observations` (n, D).
 
         With `intra_option`, a state passed on the way is stored too. If the world ended the
-        movement (a wall, an arrival), the same movement from there has the same end; else what it
+        movement (an arrival, a full stomach), the same movement from there has the same end; else what it
         would have led to is unknown, and the state serves L_J alone.
         """
         after, elapsed = observations[slots], self.elapsed[slots]
@@ -401,13 +383,11 @@ class HJB(Learner):
             return
         draw = self.rng.random(self.size)[slots]
         passed = 1 + np.floor(draw * (np.minimum(elapsed, TRAIL) - 1)).astype(np.int64)
-        some = elapsed > 1
+        # where the world leaves no choice (asleep), zeta alone does not tell how bad the future is
+        some = (elapsed > 1) & (self.trail_open[slots, np.minimum(passed, TRAIL - 1)].sum(axis=1) > 1)
         second = (self.stage[slots] == 1) & (passed >= self.moves.ticks[movement, 0])
         same = np.where(second, self.moves.walk, np.where(self.stage[slots] == 0, movement, -1))
-        stopped = self.left[slots] > 0
-        moving = self.moves.way[movement, self.stage[slots]] > 0
-        stopped &= ~moving | (elapsed - passed >= self.moves.patience)
-        same = np.where(stopped, same, -1)
+        same = np.where(self.left[slots] > 0, same, -1)
         slots, passed = slots[some], passed[some]
         self.memory.add(
             slots,
@@ -449,12 +429,10 @@ class HJB(Learner):
         self.adam_f.step(torch.autograd.grad(loss_f.sum(), self.f.weights), rate)
         loss_j = self._loss_j(zeta, movement, after, open_)  # (n,)
         self.adam_j.step(torch.autograd.grad(loss_j.sum(), self.J.weights), rate)
-        with torch.no_grad():
-            if s.target_network:
-                torch._foreach_lerp_(self.target, self.J.weights, POLYAK)
-            if s.averaged:
-                torch._foreach_lerp_(self.calm_f, self.f.weights, s.averaged)
-                torch._foreach_lerp_(self.calm_j, self.J.weights, s.averaged)
+        if s.target_network:
+            with torch.no_grad():
+                for slow, weight in zip(self.target, self.J.weights, strict=True):
+                    slow.lerp_(weight, POLYAK)
         self.loss_f = np.where(ready, loss_f.detach().numpy(), self.loss_f)
         self.loss_j = np.where(ready, loss_j.detach().numpy(), self.loss_j)
         bad = np.flatnonzero(ready & ~(np.isfinite(self.loss_f) & np.isfinite(self.loss_j)))
@@ -480,15 +458,17 @@ class HJB(Learner):
         s = self.settings
         if s.imagined:
             zeta = self._imagine(zeta)
+        executed, known = movement.clamp(min=0), (movement >= 0).float()
         if s.minimum_in_loss:
-            score = self.scores(zeta, j=self.target).detach()
+            known = torch.ones_like(known)  # asks for no executed movement
+            score = self.scores(zeta, weights=self.target).detach()
             goal = score.masked_fill(~open_, math.inf).amin(-1)
         elif s.finite_difference:
-            score = self.scores(zeta, j=self.target)
-            goal = score.gather(2, movement[..., None])[..., 0]
+            score = self.scores(zeta, weights=self.target)
+            goal = score.gather(2, executed[..., None])[..., 0]
         else:  # as printed: d of the state reached, dJ/dzeta . f of the executed action
             change, duration = self.changes(zeta)
-            pick = movement[..., None, None].expand(-1, -1, 1, self.components)
+            pick = executed[..., None, None].expand(-1, -1, 1, self.components)
             rate = (change / duration[..., None]).detach().gather(2, pick)[:, :, 0]
             goal = self.drive(after) + (self.slope(zeta) * rate).sum(-1) / -math.log(s.gamma)
         if s.minimum_in_loss or s.finite_difference:
@@ -497,7 +477,7 @@ class HJB(Learner):
         if s.relative_weight:
             weight = WEIGHT_TOP * self.worst / (WEIGHT_FLOOR * self.worst + self.drive(zeta))
             residual = residual * weight
-        return residual.square().mean(1)
+        return (residual.square() * known).sum(1) / known.sum(1).clamp(min=1)
 
     def _imagine(self, zeta: Tensor) -> Tensor:
         """Return zeta with the needs of the first part of the batch redrawn, place and rest kept.
@@ -532,8 +512,6 @@ class HJB(Learner):
             ("f", self.f.weights),
             ("J", self.J.weights),
             ("target", self.target),
-            ("calm_f", self.calm_f),
-            ("calm_J", self.calm_j),
             ("adam_f.first", self.adam_f.first),
             ("adam_f.second", self.adam_f.second),
             ("adam_J.first", self.adam_j.first),
@@ -547,7 +525,7 @@ class HJB(Learner):
     def _arrays(self) -> dict[str, np.ndarray]:
         """Return every array that changes, by name."""
         own = (
-            "cell_count", "movement", "stage", "left", "elapsed", "began", "was_open", "last",
+            "cell_count", "movement", "stage", "left", "elapsed", "began", "was_open",
             "trail", "trail_open", "age", "loss_f", "loss_j", "decisions",
         )  # fmt: skip
         return {name: getattr(self, name) for name in own} | {"memory.count": self.memory.count}
@@ -593,11 +571,11 @@ class HJB(Learner):
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray:
         """Return -ln(gamma) J in drive units, (m,) at states (m, D), for the agent in `slot`."""
         at = torch.from_numpy(np.asarray(zeta, np.float32))[None]
-        return self.deviation_at(at, torch.tensor([slot]), self.calm_j)[0].numpy()
+        return self.deviation_at(at, torch.tensor([slot]))[0].numpy()
 
     @torch.no_grad()
     def predict(self, slot: int, zeta: np.ndarray) -> dict[str, Any]:
         """Return f at states (m, D): movement names, change (m, M, D), duration (m, M)."""
         at = torch.from_numpy(np.asarray(zeta, np.float32))[None]
-        change, duration = self.changes(at, torch.tensor([slot]), self.calm_f)
+        change, duration = self.changes(at, torch.tensor([slot]))
         return {"names": self.moves.names, "change": change[0].numpy(), "duration": duration[0].numpy()}

@@ -1,8 +1,8 @@
 """Movements: the elementary movements a decision is between, and how long each is held.
 
 The paper's actions are open to be changed at any tick; it names adaptive time steps as what its
-continuous formulation allows. A movement holds one action, or a turn and then a walk, for a while;
-the agent lets go of it when the world closes it.
+continuous formulation allows. A movement holds one action, or a turn and then a walk, for a while,
+whether or not something is in the way; the agent lets go of it when the world closes it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from ecology import Group
 
 ARRIVES = 1_000_000  # ticks: held until the world closes it
 APPROACH = 10  # ticks: what a go_to counts as before any was made
-BLOCKED = 0.1  # share of the commanded way below which a move counts as stopped by a wall
 HALF_TURN = math.pi
 
 
@@ -29,8 +28,6 @@ class Movements:
     ticks: np.ndarray  # int (M, 2) length of each stage, 0: no such stage
     length: np.ndarray  # (M,) ordinary length in ticks
     walk: int  # movement that is the second stage of others, alone; -1 without
-    patience: int  # ticks that a move lasts at least, though a wall stops it
-    way: np.ndarray  # (M, 2) length moved per tick if nothing is in the way, 0: does not move
 
     def open(self, masks: np.ndarray) -> np.ndarray:
         """Return which movements (n, M) are open under the action masks (n, A)."""
@@ -39,7 +36,7 @@ class Movements:
 
 def single_ticks(group: Group) -> Movements:
     """Return one movement of one tick per action: the fixed time step of Algorithm 1."""
-    return _table(group, [(name, [(i, 1)]) for i, name in enumerate(group.actions)], patience=1)
+    return _table(group, [(name, [(i, 1)]) for i, name in enumerate(group.actions)])
 
 
 def adaptive(
@@ -50,7 +47,6 @@ def adaptive(
     pause: float = 40.0,
     meal: float = 5.0,
     bearing: float = math.pi / 4,
-    patience: float = 1.0,
 ) -> Movements:
     """Return movements with adaptive time steps; lengths in units of time.
 
@@ -88,7 +84,7 @@ def adaptive(
                         [(i, k * ticks), (walk, _count(stride, group.dt))],
                     )
                 )
-    return _table(group, found, patience=_count(stride * patience, group.dt))
+    return _table(group, found)
 
 
 def _count(length: float, dt: float) -> int:
@@ -99,15 +95,13 @@ def _steps(group: Group, action: int, angle: float) -> int:
     return max(1, round(angle / (abs(float(group.turns[action])) * group.dt)))
 
 
-def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]], *, patience: int) -> Movements:
-    action = np.array([[stages[0][0], stages[-1][0]] for _, stages in found], dtype=np.int64)
+def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]]) -> Movements:
+    action = np.array([(stages[0][0], stages[-1][0]) for _, stages in found], dtype=np.int64)
     ticks = np.array([[s[0][1], s[1][1] if len(s) > 1 else 0] for _, s in found], dtype=np.int64)
-    moving = np.array([kind == "move" for kind in group.kinds])
-    way = np.where(moving, group.speeds * group.dt, 0.0)[action]
     immobile = np.ceil(group.durations / group.dt)[action[:, 0]]
     length = np.maximum(np.where(ticks >= ARRIVES, APPROACH, ticks).sum(axis=1), immobile)
     joined = action[ticks[:, 1] > 0, 1]
-    alone = np.flatnonzero((ticks[:, 1] == 0) & (action[:, 0] == joined[0])) if len(joined) else ()
+    alone = np.flatnonzero((ticks[:, 1] == 0) & (action[:, 0] == joined[0])) if len(joined) else []
     walk = int(alone[0]) if len(alone) else -1
     return Movements(
         names=tuple(name for name, _ in found),
@@ -115,6 +109,4 @@ def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]], *, pati
         ticks=ticks,
         length=length,
         walk=walk,
-        patience=patience,
-        way=way,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -18,7 +19,7 @@ class Perceptrons:
         """Draw weights uniformly within 1 / sqrt(fan in), for layers of `sizes`."""
         self.activation = activation
         self.weights: list[Tensor] = []  # per layer: (n, in, out), (n, 1, out)
-        for fan_in, fan_out in zip(sizes[:-1], sizes[1:], strict=True):
+        for fan_in, fan_out in itertools.pairwise(sizes):
             bound = 1 / math.sqrt(fan_in)
             for shape in ((n, fan_in, fan_out), (n, 1, fan_out)):
                 drawn = torch.rand(shape, generator=generator) * (2 * bound) - bound

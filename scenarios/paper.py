@@ -33,7 +33,7 @@ def build(
     view_range: float = 3.0,
     commitment: str = "free",
     dt: float = 1.0,
-    ticks: int = 100_000,
+    ticks: int = 60_000,
 ) -> Scenario:
     """Return the world: `heading` False gives four absolute directions instead of turns."""
     foods = tuple(Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES))
