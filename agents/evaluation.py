@@ -44,6 +44,7 @@ ABOUT: Mapping[str, str] = {
     "interval of a bootstrap over blocks of 500 ticks, `blocks` how many there were",
     "closed_gap": "(camping - learned) / (camping - planner) of the mean drives: 0 is no better than "
     "camping, 1 as good as the planner",
+    "action_shares": "share of the ticks of the learner's life above that each action took",
     "deviation_maps": "-ln(gamma) J in drive units over the arena, need i at -x_i*, all else 0 (the "
     "paper's results figure): where its minimum lies, how far from the resource that serves the need, and "
     "the rank correlation (Spearman) of J with the walking distance to that resource; 1 is best",
@@ -558,6 +559,7 @@ def evaluate(
         "epsilon": EPSILON,
         "mean_drive": drives,
         "closed_gap": closed_gap(drives),
+        "action_shares": action_shares(life, group),
         "deviation_maps": maps_report(maps, scenario, group) if maps is not None else None,
         "probe": probed,
         "deviation_check": {
@@ -571,6 +573,12 @@ def evaluate(
         "about": dict(ABOUT),
     }
     return Findings(report=report, life=life, maps=maps, checks=checks)
+
+
+def action_shares(life: Life, group: Group) -> dict[str, float]:
+    """Return the share of the living ticks that each action took."""
+    done = np.bincount(life.actions[life.alive[:-1]], minlength=len(group.actions))
+    return dict(zip(group.actions, (done / max(done.sum(), 1)).tolist(), strict=True))
 
 
 def closed_gap(drives: Mapping[str, Mapping[str, Any]]) -> float | None:

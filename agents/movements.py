@@ -101,8 +101,10 @@ def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]]) -> Move
     immobile = np.ceil(group.durations / group.dt)[action[:, 0]]
     length = np.maximum(np.where(ticks >= ARRIVES, APPROACH, ticks).sum(axis=1), immobile)
     joined = action[ticks[:, 1] > 0, 1]
-    alone = np.flatnonzero((ticks[:, 1] == 0) & (action[:, 0] == joined[0])) if len(joined) else []
-    walk = int(alone[0]) if len(alone) else -1
+    alone: list[int] = []
+    if len(joined):
+        alone = np.flatnonzero((ticks[:, 1] == 0) & (action[:, 0] == joined[0])).tolist()
+    walk = alone[0] if alone else -1
     return Movements(
         names=tuple(name for name, _ in found),
         action=action,
