@@ -1,7 +1,7 @@
 """A checkpoint: the arrays and plain values of named parts in one folder, without pickle.
 
 `<part>.safetensors` holds the arrays of a part, `checkpoint.json` the plain values, the versions
-and a digest of every file. The folder appears under its name only when it is whole.
+and a digest of every file and of the values. The folder appears under its name only when it is whole.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from safetensors.numpy import load, save
 import ecology
 from ecology import EcologyError
 
-FORMAT = 1  # of the folder; a checkpoint of another format is refused
+FORMAT = 2  # of the folder; a checkpoint of another format is refused
 INDEX = "checkpoint.json"
 
 Part = tuple[Mapping[str, np.ndarray], Mapping[str, Any]]  # arrays, plain values that JSON holds
@@ -39,13 +39,19 @@ def write(folder: Path, parts: Mapping[str, Part]) -> None:
         data = save({key: np.array(array, order="C") for key, array in arrays.items()})
         (new / f"{name}.safetensors").write_bytes(data)
         index["digests"][name] = hashlib.sha256(data).hexdigest()
-        index["values"][name] = values
-    (new / INDEX).write_text(json.dumps(index, indent=1, default=_plain) + "\n")
+        index["values"][name] = json.loads(json.dumps(values, default=_plain))
+    index["digest"] = _digest(index["values"])
+    (new / INDEX).write_text(json.dumps(index, indent=1) + "\n")
     if folder.exists():
         shutil.rmtree(old, ignore_errors=True)
         folder.rename(old)
     new.rename(folder)
     shutil.rmtree(old, ignore_errors=True)
+
+
+def there(folder: Path) -> bool:
+    """Return whether `folder` holds a checkpoint, be it one left between two renames."""
+    return folder.exists() or folder.with_name(folder.name + ".old").exists()
 
 
 def read(folder: Path) -> dict[str, Part]:
@@ -58,7 +64,7 @@ def read(folder: Path) -> dict[str, Part]:
     try:
         index = json.loads((folder / INDEX).read_text())
         made_by = index["format"]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise EcologyError(
             f"the checkpoint {str(folder)!r} is damaged or foreign: {INDEX} cannot be read ({error}). "
             "Start the run anew."
@@ -70,6 +76,8 @@ def read(folder: Path) -> dict[str, Part]:
             "that wrote it."
         )
     try:
+        if _digest(index["values"]) != index["digest"]:
+            raise ValueError(f"the values in {INDEX} are not what was written")
         return {name: (_arrays(folder, name, index), values) for name, values in index["values"].items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise EcologyError(
@@ -82,6 +90,10 @@ def _arrays(folder: Path, name: str, index: Mapping[str, Any]) -> dict[str, np.n
     if hashlib.sha256(data).hexdigest() != index["digests"][name]:
         raise ValueError(f"{name}.safetensors is not what was written")
     return {key: array.copy() for key, array in load(data).items()}  # copies: those of load are locked
+
+
+def _digest(values: Any) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
 def _plain(value: Any) -> Any:

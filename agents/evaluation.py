@@ -23,6 +23,7 @@ from ecology.actions import ActionTable, compile_actions
 from ecology.life import scatter
 from ecology.observers.base import Mind
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
+from ecology.senses import wrap
 from ecology.state import Bools, Floats, Ints
 
 BASELINES = ("planner", "camping", "greedy", "random", "rest")
@@ -446,7 +447,7 @@ def transition_check(
         change = np.array(true) - zeta[at]
         error = guess["change"][:, m] - change
         for difference in (change, error):
-            difference[:, angle] = (difference[:, angle] + np.pi) % (2 * np.pi) - np.pi
+            difference[:, angle] = wrap(difference[:, angle])
         scale = group.layout.scale
         whole = float(((change / scale) ** 2).sum())
         told[name] = {
@@ -512,12 +513,14 @@ def evaluate(
     ticks: int = 10_000,
     skip: int = 1000,
     places: int = PROBES,
+    name: str | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Findings:
     """Measure `learner`, trained for its species of `scenario`, against the baselines and the true world.
 
     The learner stops learning for good; agents of other species rest. `slot` counts within the species
-    and says whose maps and checks are meant; drives and probes are averaged over all. `tell` is called
+    and says whose maps and checks are meant; drives and probes are averaged over all. `name` is what the learner
+    is called in the report. `tell` is called
     with a line before each part. Raises EcologyError where `skip` leaves no ticks.
     """
     if not 0 <= skip < ticks:
@@ -551,7 +554,7 @@ def evaluate(
     report = {
         "scenario": scenario.name,
         "species": group.name,
-        "learner": type(learner).__name__.lower(),
+        "learner": name or type(learner).__name__.lower(),
         "slot": slot,
         "seed": seed,
         "ticks": ticks,

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +38,7 @@ LENGTH = 0.5  # the same for a position, times half the extent; angles in radian
 FAR = -30.0  # exponent of a place cell below which it is silent; keeps denormal numbers out
 LONGEST = 300.0  # units of time, of a predicted duration
 ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
+ZETA = 2.0  # exponent of the law of the length of explored walks
 TRAIL = 64  # ticks of a movement whose states are kept on the way
 POLYAK = 0.1  # share by which the target network follows J per update
 
@@ -53,6 +54,7 @@ class HJBSettings:
     epsilon: float = 0.5  # exploration at birth
     epsilon_final: float = 0.1  # from `epsilon_until` of life on
     epsilon_until: float = 0.6  # share of life
+    persistence: int = 8  # strides that an explored walk goes on for at most (Dabney et al. 2021); 1: one
     width: int = 64  # of both hidden layers of f and J
     learning_rate: float = 4e-3
     learning_rate_final: float = 2e-4  # reached linearly in the second half of life
@@ -79,28 +81,26 @@ class HJBSettings:
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("gamma", 0, 1),
-            ("epsilon", -1e-9, 1 + 1e-9),
-            ("epsilon_final", -1e-9, 1 + 1e-9),
-            ("epsilon_until", 0, 1 + 1e-9),
-            ("recent_share", -1e-9, 1 + 1e-9),
-            ("imagined", -1e-9, 1 + 1e-9),
-        ):
-            value = getattr(self, name)
-            if not low < value < high:
-                raise EcologyError(
-                    f"learner setting {name} must lie between {round(low)} and {round(high)}, got {value!r}."
-                )
-        for name in (
-            "life", "width", "learning_rate", "learning_rate_final", "stride", "batch", "recent", "memory",
-            "update_every", "place_spacing", "place_width",
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if not (value > 0 and math.isfinite(value)):
-                raise EcologyError(f"learner setting {name} must be positive, got {value!r}.")
-        if self.place_cells < 0:
-            raise EcologyError(f"learner setting place_cells must not be negative, got {self.place_cells!r}.")
+        for names, rule, holds in RULES:
+            for name in names:
+                value = getattr(self, name)
+                if not (math.isfinite(value) and holds(value)):
+                    raise EcologyError(f"learner setting {name} must be {rule}, got {value!r}.")
+
+
+RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
+    (("gamma",), "between 0 and 1, both excluded", lambda v: 0 < v < 1),
+    (("epsilon", "epsilon_final", "recent_share", "imagined"), "from 0 to 1", lambda v: 0 <= v <= 1),
+    (("epsilon_until",), "above 0 and at most 1", lambda v: 0 < v <= 1),
+    (("place_cells",), "0 or more", lambda v: v >= 0),
+    (("width", "batch", "batch_f", "recent", "memory", "persistence"), "1 or more", lambda v: v >= 1),
+    (("place_spacing", "place_width"), "a length of at least 0.001", lambda v: v >= 1e-3),
+    (
+        ("life", "learning_rate", "learning_rate_final", "stride", "pause", "meal", "update_every"),
+        "positive and finite",
+        lambda v: v > 0,
+    ),
+)
 
 
 # Algorithm 1 as printed: newest transition, executed action, first-order score, fixed time step
@@ -114,6 +114,7 @@ ALGORITHM1: Mapping[str, Any] = {
     "place_cells": 0,
     "imagined": 0.0,
     "relative_weight": False,
+    "persistence": 1,
     "intra_option": False,
     "target_network": False,
     "gamma": 0.99,
@@ -144,7 +145,7 @@ class HJB(Learner):
             if kind is float and isinstance(value, int) and not isinstance(value, bool):
                 value = float(value)
             if type(value) is not kind:
-                raise EcologyError(f"learner setting {name} is a {kind.__name__}, got {value!r}.")
+                raise EcologyError(f"learner setting {name} is of type {kind.__name__}, got {value!r}.")
             checked[name] = value
         return cls(group, seed, HJBSettings(**checked))
 
@@ -206,6 +207,7 @@ class HJB(Learner):
         self.was_open = np.zeros((n, self.count), bool)
         self.trail = np.zeros((n, TRAIL, self.components), np.float32)  # zeta on the way, by ticks elapsed
         self.trail_open = np.zeros((n, TRAIL, self.count), bool)
+        self.more = np.zeros(n, np.int64)  # strides that an explored walk goes on for
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.ticks = 0
         self.exploration: float | None = None  # fixed epsilon, in evaluation
@@ -342,7 +344,10 @@ class HJB(Learner):
         drawn = self.rng.random((self.size, 2))[slots]
         share = (open_ / self.moves.length).cumsum(axis=1)  # each open movement gets the same time
         explored = (share > drawn[:, 1:] * share[:, -1:]).argmax(axis=1)
-        chosen = np.where(drawn[:, 0] < self.epsilon()[slots], explored, greedy)
+        explores = drawn[:, 0] < self.epsilon()[slots]
+        chosen = np.where(explores, explored, greedy)
+        if self.learning and self.settings.persistence > 1:
+            chosen = self._persist(slots, chosen, explores, open_)
         self.movement[slots] = chosen
         self.stage[slots] = 0
         self.left[slots] = self.moves.ticks[chosen, 0]
@@ -352,6 +357,19 @@ class HJB(Learner):
         self.decisions[slots] += 1
         if self.cells and self.learning:
             self._recruit(slots, observations)
+
+    def _persist(self, slots: np.ndarray, chosen: np.ndarray, explores: np.ndarray, open_: np.ndarray) -> np.ndarray:
+        """Return the movements (k,) with explored walks gone on with; their lengths follow a zeta law.
+
+        One step at random and then back to what is known explores a corner of the arena for ever
+        (Dabney, Ostrovski and Barreto 2021, temporally extended epsilon-greedy exploration).
+        """
+        onward = self.moves.onward[self.movement[slots]]
+        drawn = np.minimum(self.rng.zipf(ZETA, self.size)[slots], self.settings.persistence)
+        goes_on = (self.more[slots] > 0) & (self.movement[slots] >= 0) & (onward >= 0)
+        goes_on &= open_[np.arange(len(slots)), onward]
+        self.more[slots] = np.where(goes_on, self.more[slots] - 1, np.where(explores, drawn - 1, 0))
+        return np.where(goes_on, onward, chosen)
 
     def _recruit(self, slots: np.ndarray, observations: np.ndarray) -> None:
         """Give a place cell to those of `slots` who stand farther than the spacing from all of theirs."""
@@ -525,7 +543,7 @@ class HJB(Learner):
     def _arrays(self) -> dict[str, np.ndarray]:
         """Return every array that changes, by name."""
         own = (
-            "cell_count", "movement", "stage", "left", "elapsed", "began", "was_open",
+            "cell_count", "movement", "stage", "left", "elapsed", "began", "was_open", "more",
             "trail", "trail_open", "age", "loss_f", "loss_j", "decisions",
         )  # fmt: skip
         return {name: getattr(self, name) for name in own} | {"memory.count": self.memory.count}

@@ -28,6 +28,7 @@ class Movements:
     ticks: np.ndarray  # int (M, 2) length of each stage, 0: no such stage
     length: np.ndarray  # (M,) ordinary length in ticks
     walk: int  # movement that is the second stage of others, alone; -1 without
+    onward: np.ndarray  # int (M,) walk that goes on where a walk has ended, -1 for other movements
 
     def open(self, masks: np.ndarray) -> np.ndarray:
         """Return which movements (n, M) are open under the action masks (n, A)."""
@@ -105,10 +106,14 @@ def _table(group: Group, found: list[tuple[str, list[tuple[int, int]]]]) -> Move
     if len(joined):
         alone = np.flatnonzero((ticks[:, 1] == 0) & (action[:, 0] == joined[0])).tolist()
     walk = alone[0] if alone else -1
+    slow = (speed := group.speeds[action[:, 1]]) <= np.min(speed[speed > 0], initial=np.inf)
+    walks = np.array([group.kinds[last] == "move" for last in action[:, 1]]) & slow
+    onward = np.where(walks, np.where(ticks[:, 1] > 0, walk, np.arange(len(found))), -1)
     return Movements(
         names=tuple(name for name, _ in found),
         action=action,
         ticks=ticks,
         length=length,
         walk=walk,
+        onward=onward,
     )

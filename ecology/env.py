@@ -80,7 +80,10 @@ class Ecology(ParallelEnv):
             render_mode is None or render_mode in self.metadata["render_modes"],
             f"render_mode must be one of {self.metadata['render_modes']} or None, got {render_mode!r}.",
         )
-        require(horizon is None or horizon > 0, f"horizon must be positive, got {horizon!r}.")
+        require(
+            horizon is None or (isinstance(horizon, (int, np.integer)) and horizon > 0),
+            f"horizon must be a positive whole number of ticks, got {horizon!r}.",
+        )
         self.scenario = scenario
         self.horizon = horizon
         self.render_mode = render_mode
@@ -206,11 +209,11 @@ class Ecology(ParallelEnv):
         speed, direction = np.zeros(self.size), state.heading.copy()
         closed = np.zeros(self.size, bool)
         for group, table in zip(self.groups.values(), self._tables, strict=True):
-            rows = slice_rows = group.slots
+            rows = group.slots
             mask, wanted = self._masks[group.name], actions[rows]
             open_ = mask[np.arange(group.size), wanted]
             alive = state.alive[rows]
-            closed[slice_rows] = ~open_ & alive
+            closed[rows] = ~open_ & alive
             # rest where it is open, else what the body is held to: a sleep, a committed go_to
             fallback = np.where(mask[:, table.rest] | ~alive, table.rest, mask.argmax(axis=1))
             action = np.where(open_, wanted, fallback)
@@ -311,7 +314,7 @@ class Ecology(ParallelEnv):
     # ---- putting a world where one wants it ----------------------------------------------
 
     def put(self, **fields: Any) -> Tick:
-        """Overwrite fields of the state between ticks (an experimenter's hand) and return the view.
+        """Overwrite fields of the state between ticks and return a Tick of what is perceived now.
 
         `env.put(position=..., internal=...)`, each of the field's own shape, for probes and tests.
         """
@@ -422,7 +425,7 @@ class Ecology(ParallelEnv):
             if name not in living:
                 known = name in self._slot_of
                 raise EcologyError(
-                    f"{name!r} is dead and cannot act; act for `env.agents` only."
+                    f"the life of {name!r} is over, it cannot act; act for `env.agents` only."
                     if known
                     else f"there is no agent {name!r}. {nearest(str(name), self.agents)}"
                 )
@@ -430,6 +433,11 @@ class Ecology(ParallelEnv):
                 (isinstance(action, (int, np.integer)) and not isinstance(action, bool))
                 or (isinstance(action, np.ndarray) and action.shape == () and action.dtype.kind in "iu"),
                 f"the action of {name} must be a whole number, got {action!r}.",
+            )
+            count = len(self._group_of[self._slot_of[name]].actions)
+            require(
+                0 <= int(action) < count,
+                f"the action of {name} must be a whole number from 0 to {count - 1}, got {int(action)}.",
             )
             array[self._slot_of[name]] = int(action)
         tick = self.step_arrays(array)
@@ -470,7 +478,7 @@ class Ecology(ParallelEnv):
         return self._slot_of[agent]
 
     def state(self) -> np.ndarray:
-        """Return a global view for centralised training: every slot's position and internal state."""
+        """Return a global view for centralised training, float32: position, heading, x and alive of every slot."""
         now = self._now()
         return np.concatenate(
             [now.position.ravel(), now.heading, now.internal.ravel(), now.alive.astype(float)]

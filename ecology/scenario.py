@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ecology.errors import EcologyError, nearest
-from ecology.senses import SENSES
-from ecology.spec import Action, Arena, Resource, Species, require
+from ecology.senses import SENSES, layout
+from ecology.spec import Arena, Resource, Species, require
+
+FARTHEST = 200  # radii that a body moves in one tick at most: as many substeps as physics takes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +44,10 @@ class Scenario:
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, f"{owner}: every {what} needs a name of its own, {twice} appear twice.")
         self._check_places()
+        require(
+            sum(species.count for species in self.species) > 0,
+            f"{owner}: at least one agent; every species has the count 0.",
+        )
         for species in self.species:
             self._check_species(species)
 
@@ -73,6 +79,12 @@ class Scenario:
         needs = [need.name for need in species.needs]
         resources = [resource.name for resource in self.resources]
         for action in species.actions:
+            require(
+                action.speed * self.dt <= FARTHEST * species.radius,
+                f"{owner}: {action.name!r} at speed {action.speed!r} moves {action.speed * self.dt:g} in a tick of "
+                f"{self.dt!r}, and a tick moves a body by at most {FARTHEST} radii ({FARTHEST * species.radius:g}); "
+                "lower the speed or dt, or widen the body.",
+            )
             for word in ("control", "opens_from", "closes_at"):
                 for name in getattr(action, word):
                     require(
@@ -90,16 +102,14 @@ class Scenario:
         for sense in species.senses:
             if sense not in SENSES:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
+        components = layout(species, self.arena).names
+        twice = sorted({name for name in components if components.count(name) > 1})
+        require(
+            not twice,
+            f"{owner}: the components of zeta need names of their own, {twice} appear twice; rename the need, or "
+            "name every sense once.",
+        )
         require(
             "clock" not in species.senses or self.day is not None,
             f"{owner}: the sense 'clock' needs the scenario's day, the length of its period.",
-        )
-
-    def action_named(self, species: Species, name: str) -> Action:
-        """Return the action `name` of `species`."""
-        for action in species.actions:
-            if action.name == name:
-                return action
-        raise EcologyError(
-            f"species {species.name!r} has no action {name!r}. {nearest(name, [a.name for a in species.actions])}"
         )

@@ -136,6 +136,13 @@ class Action:
         require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
         _finite(owner, speed=self.speed, turn=self.turn, duration=self.duration)
         require(self.speed >= 0, f"{owner}: speed must not be negative, got {self.speed!r}.")
+        require(
+            self.speed > 0 or self.kind not in ("move", "go_to"),
+            f"{owner}: a {self.kind} needs a positive speed, got {self.speed!r}.",
+        )
+        require(self.turn != 0 or self.kind != "turn", f"{owner}: a turn needs a rate other than 0.")
+        if self.direction is not None:
+            _finite(owner, direction=self.direction)
         require(self.duration >= 0, f"{owner}: duration must not be negative, got {self.duration!r}.")
         for rates in (self.control, self.opens_from, self.closes_at):
             _finite(owner, **rates)
@@ -259,7 +266,9 @@ class Species:
             isinstance(self.count, int) and self.count >= 0,
             f"{owner}: count must be a whole number of at least 0, got {self.count!r}.",
         )
-        _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon)
+        _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon, **self.collapse)
+        if self.heading is not None:
+            _finite(owner, heading=self.heading)
         require(self.radius > 0, f"{owner}: radius must be positive, got {self.radius!r}.")
         require(
             0 < self.view_angle <= 2 * math.pi,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import inspect
 import sys
@@ -46,7 +47,7 @@ def module(name: str) -> ModuleType:
         spec.loader.exec_module(loaded)
     except EcologyError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise EcologyError(f"the scenario file {str(path)!r} does not run: {type(error).__name__}: {error}.") from error
     if not callable(getattr(loaded, "build", None)):
         raise EcologyError(
@@ -77,8 +78,6 @@ def load(name: str, /, **changes: Any) -> Scenario:
         raise EcologyError(
             f"`build` of the scenario {name!r} must return an ecology.Scenario, got {type(scenario).__name__}."
         )
-    import dataclasses
-
     return dataclasses.replace(scenario, settings=resolved)
 
 

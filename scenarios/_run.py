@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import hashlib
 import json
 import math
+import re
 import signal
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -19,7 +22,7 @@ from agents import checkpoint, loop
 from agents.base import DivergedError
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.observers.base import Mind, Observer
-from scenarios._plan import CONFIG, Plan, read_config, resolve
+from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"
@@ -142,7 +145,7 @@ class StoppedError(Exception):
 
 
 class Interrupt:
-    """Turn SIGINT and SIGTERM into a stop after the present tick; an observer, the last one."""
+    """Turn SIGINT, SIGTERM and SIGHUP into a stop after the present tick; an observer, the last one."""
 
     def __init__(self) -> None:
         self._signum = 0
@@ -151,8 +154,10 @@ class Interrupt:
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Listen to the signals; only the main thread can."""
         with contextlib.suppress(ValueError):
-            for signum in (signal.SIGINT, signal.SIGTERM):
-                self._before[signum] = signal.signal(signum, self._heard)
+            for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+                signum = getattr(signal, name, None)  # Windows has no SIGHUP, nohup ignores it
+                if signum is not None and (name != "SIGHUP" or signal.getsignal(signum) is not signal.SIG_IGN):
+                    self._before[signum] = signal.signal(signum, self._heard)
 
     def _heard(self, signum: int, frame: FrameType | None) -> None:
         self._signum = signum
@@ -175,16 +180,24 @@ class Run:
     """
 
     def __init__(self, plan: Plan, folder: Path) -> None:
+        from ecology.observers import recorder  # slow to load
+
         self.plan, self.folder = plan, folder
         self.scenario = plan.load()
-        self.env = Ecology(self.scenario)
-        self.learners = {
-            species: agents.make(choice.name, self.env.groups[species], learner_seed(plan.seed, i), choice.settings)
-            for i, (species, choice) in enumerate(plan.learners.items())
-        }
-        self.tally = Tally(self.scenario, self.env, plan.ticks)
-        self.tick = self.env.reset_arrays(plan.seed)
+        with _room(f"a world of {sum(s.count for s in self.scenario.species)} agents"):
+            self.env = Ecology(self.scenario)
+        self.learners = {}
+        for i, (species, choice) in enumerate(plan.learners.items()):
+            group = self.env.groups[species]
+            with _room(f"the learner {choice.name} of {group.size} {species} {_big(choice)}".rstrip()):
+                self.learners[species] = agents.make(choice.name, group, learner_seed(plan.seed, i), choice.settings)
+        recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
+        with _room(f"the tally of {plan.ticks} ticks"):
+            self.tally = Tally(self.scenario, self.env, plan.ticks)
+        with _room(f"a world of {self.env.size} agents"):
+            self.tick = self.env.reset_arrays(plan.seed)
         self.stopped_by: str | None = None
+        self._resumed = False
 
     @property
     def now(self) -> int:
@@ -206,8 +219,7 @@ class Run:
         text = self.plan.to_toml()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            with (self.folder / CONFIG).open("x", encoding="utf-8") as file:
-                file.write(text)
+            replace_text(self.folder / CONFIG, text)
         except OSError as error:
             raise EcologyError(
                 f"the folder {str(self.folder)!r} cannot be written: {error.strerror}. Give another --out."
@@ -219,10 +231,12 @@ class Run:
         parts = checkpoint.read(where)
         try:
             told = parts["run"][1]
-            if told["words"] != self._words():
+            mine = self._words()
+            differ = [key for key in mine if told["words"].get(key) != mine[key]]
+            if differ:
                 raise EcologyError(
-                    f"the checkpoint {str(where)!r} is of another world: its needs, actions or learners are "
-                    "not those of the scenario now. Restore the scenario file, or start the run anew."
+                    f"the checkpoint {str(where)!r} is of another world: it differs in {' and '.join(differ)}. "
+                    f"Restore the scenario file and {CONFIG}, or start the run anew."
                 )
             self._longer_than(parts["tally"][1]["tick"] - 1)
             self.tally.restore(*parts["tally"])
@@ -238,10 +252,26 @@ class Run:
             ) from error
 
     def resume(self) -> None:
-        """Go on from the checkpoint, to the plan's ticks."""
-        self.restore()
-        self._longer_than(self.now)
-        replace_text(self.folder / CONFIG, self.plan.to_toml())
+        """Go on from the checkpoint, to the plan's ticks; `live` writes the config once nothing can fail.
+
+        A run that was killed before anything but its config was written begins.
+        """
+        if any((self.folder / name).exists() for name in WRITES if name != CONFIG) or self._has_checkpoint():
+            self.restore()
+        if self._ended():
+            self._longer_than(self.now)
+        self._resumed = True
+
+    def _has_checkpoint(self) -> bool:
+        return checkpoint.there(self.folder / CHECKPOINT)
+
+    def _ended(self) -> bool:
+        """Return whether the summary says that the run came to the end of what it had lived."""
+        try:
+            told = json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))
+            return told["ticks"] == self.now and "stopped_at" not in told
+        except (OSError, ValueError, TypeError, KeyError):
+            return False
 
     def _longer_than(self, lived: int) -> None:
         if self.plan.ticks <= lived:
@@ -255,20 +285,25 @@ class Run:
         interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
         every, last = self.plan.checkpoint_every, self.plan.ticks
+        text = self.plan.to_toml()
         with contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
+                if watcher is self.tally and not self.now:
+                    self.save()  # what is written from here on can be gone on with
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)
+            if self._resumed:
+                replace_text(self.folder / CONFIG, text)
             at_end.callback(self._write_summary)
             try:
                 while self.now < last:
                     ticks = min(every - self.now % every, last - self.now)
                     self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers)
-                    self.save()
+                    self._keep(observers)
             except StoppedError as stopped:
                 self.stopped_by = str(stopped)
-                self.save()
+                self._keep(observers)
                 raise
             except DivergedError as error:
                 who = f"tick {self.now}, {self.env.name_of(error.slot)}"
@@ -278,6 +313,12 @@ class Run:
                 self.stopped_by = f"{type(error).__name__}: {error}"
                 raise
         return self.summary()
+
+    def _keep(self, observers: Sequence[Observer]) -> None:
+        """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
+        for observer in observers:
+            getattr(observer, "flush", lambda: None)()
+        self.save()
 
     def save(self) -> None:
         """Write the checkpoint."""
@@ -302,17 +343,14 @@ class Run:
         return head | self.tally.summary()
 
     def _words(self) -> dict[str, Any]:
-        """Return the names that a checkpoint must share with the world that it is restored to."""
-        return {
-            s.name: {
-                "count": s.count,
-                "needs": [need.name for need in s.needs],
-                "actions": [action.name for action in s.actions],
-                "senses": list(s.senses),
-                "learner": self.plan.learners[s.name].name,
-            }
-            for s in self.scenario.species
+        """Return what a checkpoint must share with the run that it is restored to, as JSON holds it."""
+        world = dataclasses.replace(self.scenario, ticks=1, settings={})
+        words = {
+            "seed": self.plan.seed,
+            "scenario": hashlib.sha256(json.dumps(_words_of(world), sort_keys=True).encode()).hexdigest(),
+            "learners": _words_of(self.plan.learners),
         }
+        return json.loads(json.dumps(words))
 
     def _write_summary(self) -> None:
         write_json(self.folder / SUMMARY, self.summary())
@@ -328,6 +366,47 @@ def replace_text(path: Path, text: str) -> None:
     beside = path.with_name(path.name + ".new")
     beside.write_text(text, encoding="utf-8")
     beside.replace(path)
+
+
+def _words_of(value: Any) -> Any:
+    """Return frozen words as JSON holds them: the same in every process, whatever the order of a mapping."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _words_of(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _words_of(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_words_of(each) for each in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    plain = value is None or isinstance(value, (str, bool, int, float))
+    return value if plain else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+
+
+@contextlib.contextmanager
+def _room(what: str) -> Iterator[None]:
+    """Turn a failure to allocate into an EcologyError that says that `what` was too large."""
+    try:
+        yield
+    except EcologyError:
+        raise
+    except (MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+        # torch and numpy tell by their words alone
+        told = str(error).partition("\n")[0]
+        about = ("memory", "overflow", "maximum allowed dimension", "unable to allocate")
+        if not isinstance(error, (MemoryError, OverflowError)) and not any(word in told.lower() for word in about):
+            raise
+        raise EcologyError(f"{what} is too large for the memory of this machine ({told}); make it smaller.") from error
+
+
+def _big(choice: Choice) -> str:
+    """Return the whole numbers that a learner was given beyond its defaults, as "(memory 9000)"."""
+    usual = agents.settings(choice.name)
+    big = [
+        f"{key} {value}"
+        for key, value in choice.settings.items()
+        if type(value) is int and type(usual.get(key)) is int and value > usual[key]
+    ]
+    return f"({', '.join(big)})" if big else ""
 
 
 def _finite(value: Any) -> Any:

@@ -6,6 +6,7 @@ What is slow to load (torch, rerun, matplotlib) is loaded by the command that ne
 from __future__ import annotations
 
 import ast
+import contextlib
 import os
 import subprocess
 import sys
@@ -117,7 +118,7 @@ def run(
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda or cuda:N.  [default: cpu]")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu: no learner computes elsewhere yet.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
@@ -139,7 +140,7 @@ def run(
         )
         it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
         it.check_folder()
-    observers = _watchers(it, view=view, serve=serve, connect=connect)
+    observers = _watchers(it, resume=resume is not None, view=view, serve=serve, connect=connect)
     if resume is None:
         it.start()
     if not quiet:
@@ -148,7 +149,8 @@ def run(
         summary = it.live(observers)
     except StoppedError as stopped:
         if not quiet:
-            print(f"stopped by {stopped} at tick {it.tally.tick}; go on with: ecology run --resume {it.folder}")
+            with contextlib.suppress(OSError):  # a terminal that hung up
+                print(f"stopped by {stopped} at tick {it.tally.tick}; go on with: ecology run --resume {it.folder}")
         raise
     if not quiet:
         _say(it.folder, summary)
@@ -173,10 +175,9 @@ def _setting(text: str) -> tuple[str, Any]:
     return key.strip(), read["value"] if set(read) == {"value"} else value
 
 
-def _watchers(it: Run, *, view: bool, serve: bool, connect: str | None) -> list[Observer]:
+def _watchers(it: Run, *, resume: bool, view: bool, serve: bool, connect: str | None) -> list[Observer]:
     """Return those who record and show the run."""
     observers: list[Observer] = []
-    resume = it.now > 0
     if it.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
@@ -203,10 +204,12 @@ class Audience:
     """Opens viewers on a run that serves, an observer: the viewer itself, or one for browsers."""
 
     def __init__(self, url: str, *, view: bool, serve: bool) -> None:
-        from ecology.observers.viewer import needs_display
+        from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, needs_display
 
         if view:
             needs_display("use --serve and look from a browser")
+        if serve:
+            free_port(LOOPBACK, WEB_PORT)
         self._url, self._view, self._serve = url, view, serve
         self._for_browsers: subprocess.Popen[bytes] | None = None
 
@@ -260,7 +263,8 @@ class Progress:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Renew the picture, a few times per second at most."""
         if time.monotonic() >= self._then + self._every:
-            self._show(minds)
+            with contextlib.suppress(OSError):  # a terminal that hung up stops nothing
+                self._show(minds)
 
     def _show(self, minds: Mapping[str, Mind]) -> None:
         now, at = time.monotonic(), self._tally.tick
@@ -284,9 +288,10 @@ class Progress:
     def end(self) -> None:
         """Leave the last picture."""
         if self._bar is not None:
-            self._bar.update(self._task, completed=self._tally.tick)
-            self._bar.refresh()
-            self._bar.stop()
+            with contextlib.suppress(OSError):
+                self._bar.update(self._task, completed=self._tally.tick)
+                self._bar.refresh()
+                self._bar.stop()
 
 
 def _say(folder: Path, summary: Mapping[str, Any]) -> None:
@@ -322,6 +327,11 @@ def evaluate(
     it.restore()
     learner = it.learners[species or next(iter(it.learners))]
     from agents import evaluation, figures  # slow to load
+    from ecology.observers import recorder
+
+    metrics = run / _run.METRICS
+    if recorder.sources(metrics):
+        recorder.read(metrics)  # what is damaged is told before the long part
 
     console = Console(stderr=True, quiet=quiet)
     with console.status("evaluating") as status:
@@ -339,12 +349,12 @@ def evaluate(
             ticks=ticks,
             skip=min(SKIPPED, ticks // 10),
             places=places,
+            name=it.plan.learners[learner.group.name].name,
             tell=tell,
         )
         tell("figures")
-        _run.write_json(run / _run.EVALUATION, findings.report)
-        metrics = run / _run.METRICS
         drawn = figures.draw(run / _run.FIGURES, it.scenario, findings, learner.group.layout.names, metrics)
+        _run.write_json(run / _run.EVALUATION, findings.report)  # last: with it the evaluation is whole
     if not quiet:
         _say_findings(findings.report)
         print(f"written: {run / _run.EVALUATION} and {len(drawn)} figures in {run / _run.FIGURES}")
@@ -359,8 +369,9 @@ def _say_findings(report: Mapping[str, Any]) -> None:
         interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
         drives.add_row(name, _figure(drive["mean"]), interval, style="bold" if name == "learned" else None)
     console.print(drives)
-    if report["closed_gap"] is not None:
-        console.print(f"{report['closed_gap']:.0%} of the way from camping to the planner")
+    gap = report["closed_gap"]
+    if gap is not None:
+        console.print("worse than camping" if gap < 0 else f"{gap:.0%} of the way from camping to the planner")
     maps, probe = report["deviation_maps"] or {}, report["probe"]
     if maps or probe:
         needs = Table("need", "minimum of J to resource", "rank correlation", "eaten first")
@@ -385,8 +396,20 @@ def _say_findings(report: Mapping[str, Any]) -> None:
 @app.command()
 def view(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
+    ] = None,
+    tick: Annotated[int | None, typer.Option(min=0, help="Of the picture.  [default: the last]")] = None,
 ) -> None:
-    """Open the recording of a run in the Rerun viewer."""
+    """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
+    if screenshot is not None:
+        from ecology.observers import rerun  # slow to load
+
+        rerun.screenshot(run, screenshot, tick=tick)
+        print(f"written: {screenshot}")
+        return
+    if tick is not None:
+        raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
     from ecology.observers import viewer  # only here is a viewer looked for
 
     viewer.view(run)

@@ -95,6 +95,24 @@ WRONG = {
     "a negative sleep": (lambda: sleep(duration=-5.0), ["duration", "-5.0"]),
     "a control of NaN": (lambda: rest(control={"food": math.nan}), ["food", "nan"]),
     "a walk to a resource": (lambda: move("walk", 0.1, resource="berries"), ["'walk'", "resource"]),
+    "a walk that does not walk": (lambda: move("walk", 0.0), ["'walk'", "positive speed", "0.0"]),
+    "a turn that does not turn": (lambda: turn("spin", 0.0), ["'spin'", "rate"]),
+    "a way to nowhere": (lambda: move("walk", 0.1, direction=math.inf), ["'walk'", "direction", "inf"]),
+    "a collapse at NaN": (
+        lambda: species(actions=(rest(), sleep(duration=1.0)), collapse={"food": math.nan}),
+        ["food", "nan"],
+    ),
+    "a heading of infinity": (lambda: species(heading=math.inf), ["heading", "inf"]),
+    "nobody": (lambda: scenario(count=0), ["at least one agent", "count 0"]),
+    "a need named like a place": (
+        lambda: scenario(needs=(Need(name="x", set_point=1.0),)),
+        ["zeta", "['x']", "rename"],
+    ),
+    "a sense named twice": (lambda: scenario(senses=("position", "position")), ["['x', 'y']", "once"]),
+    "a walk across the world": (
+        lambda: scenario(actions=(rest(), move("leap", 1e6))),
+        ["'leap'", "1000000.0", "200 radii", "lower the speed"],
+    ),
     # resource
     "a resource without size": (
         lambda: Resource(name="berries", position=(1, 1), radius=0.0),
@@ -302,7 +320,7 @@ def env():
         ({"agent_0": 0}, ["every living agent needs an action", "missing: agent_1"]),
         ({}, ["missing: agent_0, agent_1"]),
         ({"agent_0": 0, "agent_1": 0, "agent_7": 0}, ["no agent 'agent_7'", "agent_0"]),
-        ({"agent_0": 0, "agent_1": 0, "agent_2": 0}, ["'agent_2' is dead", "env.agents"]),
+        ({"agent_0": 0, "agent_1": 0, "agent_2": 0}, ["life of 'agent_2' is over", "env.agents"]),
         ({"agent_0": 0, "agent_1": 2}, ["agent_1", "from 0 to 1", "got 2"]),
         ({"agent_0": -1, "agent_1": 0}, ["agent_0", "from 0 to 1", "got -1"]),
         ({"agent_0": 0.0, "agent_1": 0}, ["agent_0", "whole number", "0.0"]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
 import tomllib
@@ -13,6 +14,7 @@ import pytest
 
 import agents
 import scenarios
+from scenarios import cli
 from scenarios.cli import main
 
 Command = Callable[..., tuple[int, str, str]]
@@ -114,17 +116,22 @@ BAD = {
     "ticks": (["paper", "--ticks", "0"], "--ticks"),
     "seed": (["paper", "--seed", "-1"], "--seed"),
     "device": (["paper", "--device", "gpu"], "'gpu'"),
-    "device of no use": (["paper", "--device", "cuda"], "cuda"),
+    "device of no use": (["paper", "--device", "cuda"], "no learner computes elsewhere"),
+    "need named like a number that its mind reports": (["clash.py", "--learner", "hjb"], "'epsilon'"),
     "viewer's address": (["paper", "--connect", "nowhere"], "'nowhere'"),
     "config": (["paper", "--config", "nowhere.toml"], "nowhere.toml"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_words_are_one_clear_error(short: Command, case: str) -> None:
+@pytest.mark.parametrize("record", ["--record", "--no-record"])
+def test_bad_words_are_one_clear_error(short: Command, case: str, record: str) -> None:
     """A bad word gives exit code 2, a message that names it, no traceback, and no folder."""
     words, named = BAD[case]
-    code, out, err = short(*words)
+    if "clash.py" in words:
+        Path("clash.py").write_text(FILE.format(change="").replace("food", "epsilon"))
+    code, out, err = short(*words, record)
+    Path("clash.py").unlink(missing_ok=True)
     assert code == 2
     assert named in err
     assert "Traceback" not in err
@@ -264,6 +271,82 @@ def test_evaluate_measures_and_draws(short: Command, ecology: Command) -> None:
     code, _, err = ecology("evaluate", "mine", "--species", "agnt")
     assert code == 2
     assert "'agent'" in err
+
+
+def test_an_evaluation_is_there_when_it_is_whole(
+    short: Command, ecology: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """evaluation.json is written last, names the learner as the plan does, and not where anything fails."""
+    from agents import figures
+
+    chance = {"chance": ("agents.baselines", "Random", None, "")}
+    monkeypatch.setattr(agents, "LEARNERS", {**agents.LEARNERS, **chance})
+    assert short("seasons", "--out", "mine", "--learner", "chance")[0] == 0
+    evaluate = ("evaluate", "mine", "--ticks", "50", "--places", "1", "--quiet")
+
+    def fail(*_: object) -> None:
+        raise OSError("no space")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(figures, "draw", fail)
+        with pytest.raises(OSError, match="no space"):
+            ecology(*evaluate)
+    assert not Path("mine/evaluation.json").exists()
+    Path("mine/metrics.parquet").write_bytes(b"PAR1")
+    code, _, err = ecology(*evaluate)
+    assert code == 2
+    assert "metrics.parquet" in err
+    assert "Traceback" not in err
+    assert not Path("mine/evaluation.json").exists()
+    Path("mine/metrics.parquet").unlink()
+    assert ecology(*evaluate)[0] == 0
+    assert json.loads(Path("mine/evaluation.json").read_text())["learner"] == "chance"
+
+
+@pytest.mark.parametrize(("gap", "words"), [(-7.35, "worse than camping"), (0.5, "50% of the way")])
+def test_worse_than_camping_is_said_plainly(capsys: pytest.CaptureFixture[str], gap: float, words: str) -> None:
+    """A learner below the first yardstick is not said to be a share of the way to the second."""
+    report = {"scenario": "paper", "ticks": 10, "mean_drive": {}, "closed_gap": gap, "deviation_maps": None}
+    cli._say_findings({**report, "probe": {}, "deviation_check": None})
+    out = capsys.readouterr().out
+    assert words in out
+    assert "-735" not in out
+
+
+def test_view_saves_a_screenshot(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """--screenshot draws the tick that was asked for; --tick alone, and a file that exists, are errors."""
+    from ecology.observers import rerun
+
+    run = ("run", "paper", "--ticks", "20", "--learner", "random", "--out", "mine", "--quiet")
+    assert ecology(*run)[0] == 0
+    code, _, err = ecology("view", "mine", "--tick", "5")
+    assert code == 2
+    assert "--screenshot" in err
+    Path("there.png").write_text("mine")
+    code, _, err = ecology("view", "mine", "--screenshot", "there.png")
+    assert code == 2
+    assert "'there.png'" in err
+    assert Path("there.png").read_text() == "mine"
+    drawn = []
+    monkeypatch.setattr(rerun, "screenshot", lambda *words, **more: drawn.append((words, more)))
+    code, out, _ = ecology("view", "mine", "--screenshot", "new.png", "--tick", "5")
+    assert (code, out) == (0, "written: new.png\n")
+    assert drawn == [((Path("mine"), Path("new.png")), {"tick": 5})]
+
+
+def test_a_port_for_browsers_that_is_taken_is_an_error(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """--serve where browsers cannot be served gives exit code 2, and no folder."""
+    from ecology.observers import viewer
+
+    with socket.socket() as taken:
+        taken.bind((viewer.LOOPBACK, 0))
+        taken.listen()
+        monkeypatch.setattr(viewer, "WEB_PORT", taken.getsockname()[1])
+        monkeypatch.setattr(viewer, "SERVE_PORT", 0)
+        code, _, err = ecology("run", "paper", "--ticks", "20", "--learner", "random", "--serve", "--out", "mine")
+    assert code == 2
+    assert "cannot serve" in err
+    assert not Path("mine").exists()
 
 
 def test_view_needs_a_recording(ecology: Command, short: Command) -> None:

@@ -228,6 +228,27 @@ def test_movements_last_what_they_say() -> None:
     assert moves.length[moves.names.index("sleep")] == 50
 
 
+def test_explored_walks_go_on() -> None:
+    """Walks explored at random are longer than a stride, by a zeta law; other movements happen once."""
+
+    def strides(persistence: int) -> list[int]:
+        env, learner = paper_learner(epsilon=1.0, epsilon_final=1.0, persistence=persistence)
+        chosen: list[str] = []
+        decisions, tick = 0, env.reset_arrays(0)
+        for _ in range(4000):
+            tick = loop.run(env, {"agent": learner}, tick, 1)
+            if learner.decisions[0] > decisions:
+                decisions = int(learner.decisions[0])
+                chosen.append(learner.moves.names[learner.movement[0]])
+        text = "".join("w" if name == "walk" else "." for name in chosen)
+        return [len(run) for run in text.split(".") if run]
+
+    once, on = strides(1), strides(8)
+    assert np.mean(once) < 1.5
+    assert np.mean(on) > 1.5
+    assert max(on) >= 5
+
+
 def test_memory_draws_the_share_from_the_newest() -> None:
     """The last part of a batch lies among the newest decisions, the first anywhere in life; the ring wraps."""
     memory = Memory(1, 100, 1, 1)
@@ -300,10 +321,14 @@ def test_a_number_that_is_not_finite_stops_the_run() -> None:
     ("settings", "message"),
     [
         ({"gama": 0.9}, "Did you mean 'gamma'"),
-        ({"gamma": 1.5}, "between 0 and 1, got 1.5"),
-        ({"width": 0}, "width must be positive, got 0"),
-        ({"width": 6.5}, "width is a int, got 6.5"),
-        ({"replay": 1}, "replay is a bool, got 1"),
+        ({"gamma": 1.5}, "between 0 and 1, both excluded, got 1.5"),
+        ({"width": 0}, "width must be 1 or more, got 0"),
+        ({"batch_f": -1}, "batch_f must be 1 or more, got -1"),
+        ({"pause": math.nan}, "pause must be positive and finite, got nan"),
+        ({"life": math.inf}, "life must be positive and finite, got inf"),
+        ({"place_width": 1e-30}, "place_width must be a length of at least 0.001"),
+        ({"width": 6.5}, "width is of type int, got 6.5"),
+        ({"replay": 1}, "replay is of type bool, got 1"),
     ],
 )
 def test_bad_settings_are_refused(settings: dict[str, object], message: str) -> None:

@@ -1,10 +1,13 @@
 """Those who watch: what they write is what was, and they change nothing."""
 # ruff: noqa: D102
 
+import contextlib
 import dataclasses
 import logging
+import pathlib
 import subprocess
 import sys
+import types
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -212,6 +215,62 @@ def test_metrics_of_a_stopped_run_can_be_read_and_gone_on_with(tmp_path, monkeyp
     assert sorted(p.name for p in tmp_path.iterdir()) == ["metrics.parquet"]
 
 
+def renamed(scenario, name):
+    """Return `scenario` with its first need under another name."""
+    agent = scenario.species[0]
+    needs = (dataclasses.replace(agent.needs[0], name=name), *agent.needs[1:])
+    actions = tuple(a for a in agent.actions if "need_1" not in {*a.control, *a.opens_from, *a.closes_at})
+    return dataclasses.replace(scenario, species=(dataclasses.replace(agent, needs=needs, actions=actions),))
+
+
+@pytest.mark.parametrize("name", ["epsilon", "drive"])
+def test_columns_of_one_name_are_refused_at_once(tmp_path, name):
+    """A need named like a column, or like a number that a mind reports, is refused before anything is written."""
+    with pytest.raises(EcologyError, match=name):
+        live(renamed(one(), name), Recorder(tmp_path / "metrics.parquet"))
+    assert list(tmp_path.iterdir()) == []
+
+    class Teller(Blind):
+        def report(self):
+            return {"reward": np.zeros(self.size)}
+
+    with pytest.raises(EcologyError, match="reward"):
+        live(one(), Recorder(tmp_path / "metrics.parquet"), mind=Teller)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", [b"", b"PAR1", b"PAR1" + bytes(50) + b"PAR1"])
+def test_damaged_metrics_are_one_clear_error(tmp_path, text):
+    """Reading them and going on with them names the file, and leaves it and nothing else."""
+    path = tmp_path / "metrics.parquet"
+    path.write_bytes(text)
+    with pytest.raises(EcologyError, match=r"metrics\.parquet' are damaged"):
+        read(path)
+    with pytest.raises(EcologyError, match=r"metrics\.parquet' are damaged"):
+        live(one(), Recorder(path, resume=True))
+    assert {p: p.read_bytes() for p in tmp_path.iterdir()} == {path: text}
+
+
+def test_rows_are_there_once_wherever_joining_was_killed(tmp_path):
+    """Beside the joined file the parts are a remnant: they are read no more, and not gone on with."""
+    path = tmp_path / "metrics.parquet"
+    live(one(), Recorder(path, every=1))
+    parts_of(path).mkdir()
+    (parts_of(path) / "part-000001.parquet").write_bytes(path.read_bytes())
+    assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
+    env = Ecology(one())
+    minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
+    tick = run(env, minds, env.reset_arrays(7), TICKS)
+    again = Recorder(path, every=1, resume=True)
+    again.begin(env, minds)
+    assert not path.exists()
+    assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
+    run(env, minds, tick, 5, [again])
+    again.end()
+    assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 6))
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_recording_reads_back(tmp_path):
     """Entities, timelines and the values of known ticks are those of the world."""
     from rerun.chunk import RrdReader
@@ -329,6 +388,30 @@ def test_a_resumed_recording_is_one(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["recording.rrd"]
 
 
+def test_a_recording_that_was_killed_at_once_begins_anew(tmp_path):
+    """Of a run that is gone on with from its first tick nothing was recorded, readable or not."""
+    path = tmp_path / "recording.rrd"
+    path.write_bytes(b"RRF")
+    live(one(), rerun_observer(path, every=10, resume=True))
+    assert column(path, "/world/agents/agent", "drive")[0].tolist() == list(range(0, TICKS + 1, 10))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_last_stretch_that_cannot_be_read_is_left_out(tmp_path):
+    """A run that was killed as soon as it had been resumed can be resumed again."""
+    path = tmp_path / "recording.rrd"
+    env = live(one(), rerun_observer(path, every=10))
+    path.write_bytes(path.read_bytes()[:-100])
+    viewer.resumed(path).write_bytes(b"")
+    minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))}
+    again = rerun_observer(path, every=10, resume=True)
+    again.begin(env, minds)
+    run(env, minds, env.put(), 20, [again])
+    again.end()
+    assert {0, TICKS, TICKS + 10, TICKS + 20} <= set(column(path, "/world/agents/agent", "drive")[0].tolist())
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_killed_recording_opens(tmp_path):
     """What was sent before a run was killed can be read, and is mended for the viewer."""
     path = tmp_path / "recording.rrd"
@@ -349,8 +432,7 @@ def test_a_killed_recording_opens(tmp_path):
     ticks, _ = column(mended, "/world/agents/agent", "drive")
     assert len(ticks) > TICKS // 2
 
-    env = Ecology(one())
-    env.reset_arrays(7)
+    env = live(one(), ticks=1)
     again = rerun_observer(path, every=1, resume=True)
     again.begin(env, {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))})
     assert len(column(path, "/world/agents/agent", "drive")[0]) >= len(ticks)
@@ -411,6 +493,58 @@ def test_view_says_what_is_wrong(tmp_path, monkeypatch):
         monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
         with pytest.raises(EcologyError, match="no screen"):
             viewer.view(tmp_path)
+
+
+class Drawing:
+    """A viewer's client that draws, and reports what it is told to."""
+
+    def __init__(self, reports):
+        self.reports, self.at = reports, []
+
+    def connect(self, url):
+        return self
+
+    def open(self, path):
+        assert viewer.whole(pathlib.Path(path))
+
+    def set_time(self, timeline, *, sequence, play_state):
+        self.at.append(sequence)
+
+    def get_state(self):
+        return types.SimpleNamespace(views=[types.SimpleNamespace(reports=self.reports)])
+
+    def save_screenshot(self, path):
+        from PIL import Image
+
+        Image.new("RGB", (3200, 1800)).save(path)
+
+
+def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
+    """It is drawn without the viewer's bar; a file that is there, or a panel that is not drawn, is an error."""
+    from PIL import Image
+
+    rerun = pytest.importorskip("ecology.observers.rerun")
+    experimental = pytest.importorskip("rerun.experimental")
+    live(one(), rerun_observer(tmp_path / "recording.rrd", every=10))
+    picture_, client = tmp_path / "shown.png", Drawing([])
+    monkeypatch.setattr(experimental, "ViewerClient", client)
+    monkeypatch.setattr(rerun, "SETTLING", 0.0)
+    process = types.SimpleNamespace(poll=lambda: None)
+    monkeypatch.setattr(rerun, "viewer_process", lambda *_: contextlib.nullcontext(process))
+    rerun.screenshot(tmp_path, picture_, tick=20)
+    assert client.at == [20]
+    with Image.open(picture_) as shown:
+        assert shown.size == (3200, 1800 - 2 * rerun.BAR)
+    for name, word in (("shown.png", "exists"), ("shown.jpg", r"\.png"), ("nowhere/shown.png", "no folder")):
+        with pytest.raises(EcologyError, match=word):
+            rerun.screenshot(tmp_path, tmp_path / name)
+    client.reports.append("no shader")
+    with pytest.raises(EcologyError, match="no shader"):
+        rerun.screenshot(tmp_path, tmp_path / "other.png")
+    process.poll = lambda: 1
+    with pytest.raises(EcologyError, match="no viewer could be started"):
+        rerun.screenshot(tmp_path, tmp_path / "other.png")
+    assert not (tmp_path / "other.png").exists()
 
 
 @pytest.mark.parametrize("world", [one, many])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +13,7 @@ import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -37,6 +40,13 @@ def build(decay=0.01, noise=0.02):
     return Scenario(name="crowd", arena=Arena(vertices=((0, 0), (2, 0), (2, 2), (0, 2))), species=(crowd,),
                     resources=(Resource(name="berries", position=(1.0, 1.0)),))
 """
+
+
+def lived(folder: Path) -> int:
+    """Return the tick of the checkpoint in `folder`, 0 where there is none."""
+    with contextlib.suppress(EcologyError):
+        return int(checkpoint.read(folder / _run.CHECKPOINT)["tally"][1]["tick"])
+    return 0
 
 
 def cli(*words: str) -> None:
@@ -101,9 +111,9 @@ def test_the_summary_is_what_metrics_say(tmp_path: Path) -> None:
     assert summary["action_shares"]["agent"]["rest"] == pytest.approx(rests)
 
 
-@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Signals) -> None:
-    """Ctrl-C and SIGTERM leave a whole folder that says where it stopped and can be gone on with."""
+    """Ctrl-C, SIGTERM and a terminal that is closed leave a whole folder that says where it stopped."""
     out = tmp_path / "mine"
     config = tmp_path / "config.toml"
     config.write_text("checkpoint_every = 100")
@@ -113,7 +123,7 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     until = time.monotonic() + 40
-    while not (out / "checkpoint").exists() and process.poll() is None and time.monotonic() < until:
+    while not lived(out) and process.poll() is None and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
     said, errors = process.communicate(timeout=40)
@@ -169,6 +179,89 @@ def test_resuming_needs_more_ticks(crowd: Callable[..., Run], capsys: pytest.Cap
     assert "--seed" in capsys.readouterr().err
 
 
+def test_a_killed_run_goes_on_whenever_it_was_killed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is left at any time can be gone on with, to the same end: config alone, tick 0, no summary."""
+    words = ("--learner", "random", "--ticks", "40", "--quiet")
+
+    def end(folder: Path) -> tuple[object, object]:
+        summary = json.loads((folder / "summary.json").read_text())
+        assert summary["ticks"] == 40
+        assert "stopped_at" not in summary
+        assert (folder / "recording.rrd").stat().st_size > 0
+        assert not (folder / "metrics.parquet.parts").exists()
+        return summary["mean_drive"], pq.read_table(folder / "metrics.parquet").to_pydict()
+
+    whole = tmp_path / "whole"
+    cli("run", "paper", *words, "--out", str(whole))
+    # killed when only the config was there
+    early = tmp_path / "early"
+    early.mkdir()
+    (early / "config.toml").write_text((whole / "config.toml").read_text())
+    cli("run", "--resume", str(early), "--quiet")
+    assert end(early) == end(whole)
+    # killed after the first rows, before a checkpoint of a lived tick
+    code = (
+        "import os\nfrom scenarios import cli, _run\nfrom ecology.observers import recorder, rerun\n"
+        "recorder.SECONDS = rerun.SECONDS_FILE = 0.0\n"
+        "_run.Interrupt.watch = lambda self, state, *_: os.kill(os.getpid(), 9) if state.tick == 25 else None\n"
+    )
+    killed = tmp_path / "killed"
+    live = f"cli.main(['run', 'paper', '--out', {str(killed)!r}, *{words!r}])"
+    assert subprocess.run([sys.executable, "-c", code + live], capture_output=True).returncode == -signal.SIGKILL
+    assert checkpoint.read(killed / "checkpoint")["tally"][1]["tick"] == 0
+    assert (killed / "metrics.parquet.parts").exists()
+    cli("run", "--resume", str(killed), "--quiet")
+    assert end(killed) == end(whole)
+    # killed after a checkpoint of a lived tick: nothing of what was recorded up to it is missing
+    (tmp_path / "often.toml").write_text("checkpoint_every = 20")
+    code = code.replace("SECONDS = rerun.SECONDS_FILE = 0.0", "SECONDS = 1e9")
+    late = tmp_path / "late"
+    live = (
+        f"cli.main(['run', 'paper', '--out', {str(late)!r}, *{(*words, '--config', str(tmp_path / 'often.toml'))!r}])"
+    )
+    assert subprocess.run([sys.executable, "-c", code + live], capture_output=True).returncode == -signal.SIGKILL
+    assert checkpoint.read(late / "checkpoint")["tally"][1]["tick"] == 20
+    cli("run", "--resume", str(late), "--quiet")
+    assert end(late) == end(whole)
+    # killed after the last checkpoint, before the summary
+    (killed / "summary.json").unlink()
+    cli("run", "--resume", str(killed), "--quiet")
+    assert end(killed) == end(whole)
+    # a run that has ended, and one that lost its checkpoint, are not begun again
+    for change, named in ((lambda: None, "--ticks"), (lambda: shutil.rmtree(killed / "checkpoint"), "no checkpoint")):
+        change()
+        with pytest.raises(SystemExit, match="2"):
+            main(["run", "--resume", str(killed)])
+        assert named in capsys.readouterr().err
+
+
+def test_nohup_is_respected() -> None:
+    """A run that was told to ignore SIGHUP goes on ignoring it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    interrupt = _run.Interrupt()
+    try:
+        interrupt.begin(None, {})  # type: ignore[arg-type]
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        interrupt.end()
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_going_on_writes_nothing_where_it_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A resumed run whose metrics are damaged gives exit code 2 and leaves the folder as it was, config too."""
+    out = tmp_path / "mine"
+    cli("run", "paper", "--learner", "random", "--ticks", "20", "--out", str(out), "--quiet")
+    (out / "metrics.parquet").write_bytes(b"PAR1 no more")
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "--resume", str(out), "--ticks", "40"])
+    err = capsys.readouterr().err
+    assert "metrics.parquet" in err
+    assert "Traceback" not in err
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    assert not (out / "metrics.parquet.parts").exists()
+
+
 def _truncate(folder: Path) -> None:
     path = folder / "world.safetensors"
     path.write_bytes(path.read_bytes()[:-8])
@@ -190,6 +283,12 @@ def _change(key: str, value: object) -> Callable[[Path], None]:
     return change
 
 
+def _other_tick(folder: Path) -> None:
+    index = json.loads((folder / "checkpoint.json").read_text())
+    index["values"]["tally"]["deaths"] += 1
+    (folder / "checkpoint.json").write_text(json.dumps(index))
+
+
 DAMAGE: dict[str, Callable[[Path], object]] = {
     "arrays cut short": _truncate,
     "a bit flipped": _flip,
@@ -200,6 +299,10 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "another format": _change("format", 99),
     "no parts": _change("values", {}),
     "foreign values": _change("values", 3),
+    "a number changed": _other_tick,
+    "a digest of another kind": _change("digest", []),
+    "digests of another kind": _change("digests", 3),
+    "brackets without end": lambda folder: (folder / "checkpoint.json").write_text("[" * 100_000),
 }
 
 
@@ -232,6 +335,65 @@ def test_a_foreign_checkpoint_is_refused(crowd: Callable[..., Run], tmp_path: Pa
     ):
         with pytest.raises(EcologyError, match="another world"):
             Run(plan, run.folder).resume()
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"seed": 1}, "seed"),
+        ({"changes": {"decay": 0.02}}, "scenario"),
+        ({"learners": ["greedy"]}, "learners"),
+        ({"edit": ("radius=0.2", "radius=0.19")}, "scenario"),
+    ],
+)
+def test_a_checkpoint_of_another_run_is_refused(
+    crowd: Callable[..., Run], tmp_path: Path, change: dict[str, Any], named: str
+) -> None:
+    """Another seed, setting, learner or edited file is refused by name, though all names are the same."""
+    run = crowd("mine", 20)
+    run.start()
+    run.live()
+    file = tmp_path / "crowd.py"
+    file.write_text(file.read_text().replace(*change.pop("edit", ("", ""))))
+    words: dict[str, Any] = {"learners": ["random"], "ticks": 40} | change
+    with pytest.raises(EcologyError, match=f"another world: it differs in {named}\\."):
+        Run(resolve(str(file), **words), run.folder).resume()
+
+
+def test_a_checkpoint_of_other_settings_of_the_learner_is_refused(tmp_path: Path) -> None:
+    """An hjb learner of another gamma is refused; a longer life of the same is gone on with."""
+    out = tmp_path / "mine"
+    small = [word for key in ("width=4", "memory=50") for word in ("--set", f"learner.{key}")]
+    cli("run", "paper", "--ticks", "20", "--out", str(out), "--no-record", "--quiet", *small)
+    cli("run", "--resume", str(out), "--ticks", "30", "--quiet")
+    config = out / "config.toml"
+    config.write_text(config.read_text().replace("gamma = 0.995", "gamma = 0.9"))
+    with pytest.raises(EcologyError, match="learners"):
+        _run.opened(out, 50).resume()
+
+
+def test_the_words_of_a_checkpoint_are_the_same_in_every_process() -> None:
+    """Neither the order of a mapping nor an address in memory counts."""
+    one, other = {"a": 1, "b": (1.0, np.int64(2))}, {"b": [1.0, 2], "a": 1}
+    assert json.dumps(_run._words_of(one), sort_keys=True) == json.dumps(_run._words_of(other), sort_keys=True)
+    assert _run._words_of(object()) == _run._words_of(object())
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ({"ticks": 10**15, "learners": ["rest"]}, "the tally of 1000000000000000 ticks"),
+        ({"ticks": 10**30, "learners": ["rest"]}, "ticks"),
+        ({"changes": {"learner.memory": 10**15}}, "hjb of 1 agent (memory 1000000000000000)"),
+        ({"changes": {"learner.memory": 10**30}}, "memory 1000000"),
+    ],
+)
+def test_what_no_memory_holds_is_one_clear_error(words: dict[str, Any], named: str) -> None:
+    """A run that cannot be allocated says what of it was too large."""
+    with pytest.raises(EcologyError, match="too large for the memory") as told:
+        Run(resolve("paper", **words), Path(os.devnull))
+    assert named in str(told.value)
+    assert "\n" not in str(told.value)
 
 
 def test_a_checkpoint_outlives_a_failure_while_it_is_written(tmp_path: Path) -> None:

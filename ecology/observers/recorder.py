@@ -3,11 +3,12 @@
 While the run goes on, rows go to `metrics.parquet.parts/`, a folder of complete parquet files that
 any parquet reader opens as one table; `end` joins them into `metrics.parquet` and removes the
 folder. A run that is killed leaves the folder, and with it everything but the last half minute:
-`read` opens either.
+`read` opens either. Where both are there, the joined file is whole and the folder a remnant.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import time
@@ -20,7 +21,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from ecology.env import Ecology, Tick
+from ecology.errors import EcologyError
 from ecology.observers.base import Mind
+from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import State
 
@@ -58,8 +61,7 @@ class Recorder:
         species = env.scenario.species
         counts = [s.count for s in species]
         needs = list(dict.fromkeys(need.name for s in species for need in s.needs))
-        clash = sorted(set(needs) & set(FIXED))
-        require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
+        check_columns(env.scenario, minds)
         self._groups = [(group.name, group.slots) for group in env.groups.values()]
         self._species_of = np.repeat(np.arange(len(species)), counts)
         self._species = np.array([s.name for s in species])
@@ -71,14 +73,18 @@ class Recorder:
         self._action_at = np.zeros((len(species), max(len(s.actions) for s in species)), np.int32)
         for i, s in enumerate(species):
             self._action_at[i, : len(s.actions)] = [actions.index(a.name) for a in s.actions]
-        kept = sources(self._path) if self._resume else []
+        if self._resume:
+            self._go_on(env.state_view.tick)
         self._parts.mkdir(parents=True, exist_ok=True)
-        if kept:
-            joined = self._parts.with_suffix(".joined")
-            _join(kept, joined, until=env.state_view.tick)
-            os.replace(joined, self._path)
-            for part in self._parts.iterdir():
-                part.unlink()
+
+    def _go_on(self, tick: int) -> None:
+        """Keep the rows up to `tick` as the first part; at any time they are there once and whole."""
+        kept = sources(self._path)
+        if not kept:
+            return
+        self._joined(kept, until=tick)
+        self._parts.mkdir(parents=True)
+        os.replace(self._path, self._parts / "part-000000.parquet")
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take the rows of a sampled tick."""
@@ -112,15 +118,31 @@ class Recorder:
         if self._count >= ROWS or time.monotonic() - self._since > SECONDS:
             self._write()
 
+    def flush(self) -> None:
+        """Write the rows at hand, at a checkpoint: what is killed later goes on after them."""
+        self._write()
+
     def end(self) -> None:
         """Join the parts into the one file."""
         self._write()
         parts = sources(self._path)
         if parts:
-            joined = self._parts.with_suffix(".joined")
-            _join(parts, joined)
-            os.replace(joined, self._path)
-        shutil.rmtree(self._parts, ignore_errors=True)
+            self._joined(parts)
+        else:
+            shutil.rmtree(self._parts, ignore_errors=True)
+
+    def _joined(self, parts: Iterable[Path], until: int | None = None) -> None:
+        """Put the rows of `parts` (up to the tick `until`) in the one file, and remove the folder."""
+        joined = self._parts.with_suffix(".joined")
+        try:
+            with _readable(self._path):
+                _join(parts, joined, until)
+        except EcologyError:
+            joined.unlink(missing_ok=True)
+            raise
+        os.replace(joined, self._path)
+        if self._parts.exists():
+            shutil.rmtree(self._parts)
 
     def _next_part(self) -> Path:
         self._number += 1
@@ -182,11 +204,36 @@ class Recorder:
         return pa.table(columns)
 
 
+def check_columns(scenario: Scenario, minds: Mapping[str, Mind]) -> None:
+    """Raise EcologyError where two columns of the metrics would have one name."""
+    needs = {need.name for species in scenario.species for need in species.needs}
+    told = {word for mind in minds.values() for word in mind.report()}
+    clash = sorted(needs & {*FIXED, *told})
+    require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
+    clash = sorted(told & {*FIXED})
+    require(not clash, f"minds report {clash}, names of other columns of the metrics; report them under other names.")
+
+
 def read(path: Path | str) -> pa.Table:
-    """Return the metrics at `path`, from the joined file or from the parts of a run that was stopped."""
+    """Return the metrics at `path`, from the joined file or from the parts of a run that was stopped.
+
+    Raises EcologyError where there are none, or they are damaged.
+    """
     found = sources(Path(path))
     require(bool(found), f"there are no metrics at {str(path)!r}; give the metrics.parquet of a run.")
-    return pa.concat_tables([pq.read_table(part) for part in found], promote_options="default")
+    with _readable(Path(path)):
+        return pa.concat_tables([pq.read_table(part) for part in found], promote_options="default")
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn what the parquet reader raises into one EcologyError."""
+    try:
+        yield
+    except (pa.ArrowException, OSError, KeyError) as error:
+        raise EcologyError(
+            f"the metrics {str(path)!r} are damaged ({str(error).splitlines()[0]}); move them away to go on without."
+        ) from error
 
 
 def parts_of(path: Path) -> Path:
@@ -196,7 +243,7 @@ def parts_of(path: Path) -> Path:
 
 def sources(path: Path) -> list[Path]:
     """Return the files that hold the metrics at `path`, oldest rows first."""
-    return [p for p in (path,) if p.is_file()] + sorted(parts_of(path).glob("part-*.parquet"))
+    return [path] if path.is_file() else sorted(parts_of(path).glob("part-*.parquet"))
 
 
 def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None:

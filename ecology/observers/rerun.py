@@ -27,6 +27,7 @@ import queue
 import re
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,6 +49,7 @@ from ecology.observers.viewer import (
     checked_url,
     free_port,
     joined,
+    mended,
     recording_of,
     resumed,
     stretches,
@@ -68,6 +70,8 @@ BACKLOG = 64 * 2**20  # bytes that may wait for a viewer elsewhere; older ones a
 PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
 QUICK = 512 * 2**20  # bytes up to which a recording is optimised at the end
 BACKGROUND, FLOOR, WALL, INK = (16, 18, 22), (42, 46, 54), (225, 225, 225), (235, 235, 235)
+ATTEMPTS = 60  # to reach a viewer that was started, half a second apart
+SETTLING = 12.0  # seconds in which a viewer's notices of the start fade and chunks load
 BAR = 35  # height of the viewer's own bar, logical points
 DRIVE_SCALE, MAP_SCALE = "plasma", "viridis"
 
@@ -143,7 +147,7 @@ class RerunObserver:
             grid=grid,
             run=self._name or env.scenario.name,
         )  # fmt: skip
-        self._open()
+        self._open(state.tick)
         if self._connect:
             self._relay = Relay(self._connect, scene)
         self._samples: list[dict[str, Any]] = []
@@ -167,15 +171,18 @@ class RerunObserver:
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
 
+    def flush(self) -> None:
+        """Send the samples at hand, at a checkpoint."""
+        self._send()
+
     def end(self) -> None:
         """Send what is left, close the file and put it in good order."""
         if self._rec is None:
             return
-        if self._samples:
-            last = self._samples[-1]
-            if last["tick"] != self._mapped_at:
-                self._map(last["tick"], last["time"])
-            self._send()
+        tick, now = self._last
+        if tick > self._mapped_at:
+            self._map(tick, now)
+        self._send()
         rec, self._rec = self._rec, None
         try:
             rec.flush(timeout_sec=PATIENCE)
@@ -189,12 +196,15 @@ class RerunObserver:
             if len(parts) > 1 or self._path.stat().st_size <= QUICK:
                 joined(parts, self._path)
 
-    def _open(self) -> None:
+    def _open(self, tick: int) -> None:
         """Open the file and the server, and send the first screen to both."""
         sinks: list[Any] = []
         identity = None
         if self._path:
             self._target = self._path
+            if self._resume and tick == 0:  # the run was killed before its first checkpoint: it begins anew
+                for part in stretches(self._path):
+                    part.unlink()
             if self._resume and self._path.exists():
                 self._target = resumed(self._path)
                 if self._target.exists() or not whole(self._path):  # the run was killed
@@ -219,6 +229,7 @@ class RerunObserver:
             report = minds[name].report() if words else {}
             known = [np.asarray(report.get(word, np.nan)) * np.ones(len(living)) for word in words]
             told[name] = np.array([_mean(value[living]) for value in known], dtype=float)
+        self._last = state.tick, state.time
         self._samples.append(
             {
                 "tick": state.tick,
@@ -808,41 +819,62 @@ def recording_id(path: Path) -> str:
 def screenshot(
     run: Path | str, picture: Path | str, *, tick: int | None = None, size: tuple[int, int] = (1600, 900)
 ) -> None:
-    """Save what a viewer shows of a run (its folder or recording) as a PNG, without a screen.
+    """Save what a viewer shows of a run (its folder or recording) as a new PNG file, without a screen.
 
     `tick`: where the cursor stands, the end when None. `size` in logical points; the picture has
     twice as many pixels each way. Needs a Vulkan driver, a software one (Mesa's lavapipe) will do.
-    Raises EcologyError where the viewer reports that it cannot draw a panel.
+    Raises EcologyError, and writes nothing, where the file exists or the viewer cannot draw.
     """
     from PIL import Image
+
+    path, target = recording_of(Path(run)), Path(picture)
+    require(target.suffix == ".png", f"a screenshot is a .png file, got {str(target)!r}.")
+    require(not target.exists(), f"the file {str(target)!r} exists; choose another name.")
+    require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the screenshot; make it first.")
+    with tempfile.TemporaryDirectory() as folder:
+        one = whole(path) and not resumed(path).exists()
+        source = path if one else mended(path, Path(folder) / path.name)
+        shown = Path(folder) / target.name
+        _shoot(source.resolve(), shown, tick, size)
+        with Image.open(shown) as drawn:  # without the window's own bar
+            drawn.crop((0, BAR * drawn.width // size[0], drawn.width, drawn.height)).save(target)
+
+
+def _shoot(source: Path, shown: Path, tick: int | None, size: tuple[int, int]) -> None:
+    """Save the window of a viewer on the recording `source` to the file `shown`."""
     from rerun.experimental import ViewerClient
 
-    source, target = recording_of(Path(run)).resolve(), Path(picture).resolve()
-    port = free_port(LOOPBACK, 0)
+    port, reason = free_port(LOOPBACK, 0), "it stopped at once"
     with viewer_process(
         "--headless", "--hide-welcome-screen", "--port", str(port), "--window-size", f"{size[0]}x{size[1]}"
     ) as process:
         viewer = None
-        for _ in range(60):
+        for _ in range(ATTEMPTS):
+            if process.poll() is not None:
+                break
             try:
                 viewer = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{port}/proxy")
                 viewer.open(str(source))
                 break
             except Exception as error:
-                reason = error
+                viewer, reason = None, str(error)
                 time.sleep(0.5)
-        if viewer is None or process.poll() is not None:
-            raise EcologyError(f"no viewer could be started to draw {str(source)!r}: {reason}.")
-        time.sleep(12)  # notices of the start fade, chunks load
-        if tick is not None:
-            viewer.set_time("tick", sequence=tick, play_state="paused")
-            time.sleep(4)
-        reports = [r for view in viewer.get_state().views for r in view.reports]
-        viewer.save_screenshot(str(target))
-    with Image.open(target) as shown:  # without the window's own bar
-        shown.crop((0, BAR * shown.width // size[0], shown.width, shown.height)).save(target)
-    if reports:
-        raise EcologyError(f"the viewer cannot draw all of {str(source)!r}: {reports}.")
+        require(
+            viewer is not None,
+            f"no viewer could be started to draw {str(source)!r}: {reason}. It needs a Vulkan driver; where there "
+            "is no GPU, install Mesa's lavapipe.",
+        )
+        assert viewer is not None
+        try:
+            time.sleep(SETTLING)
+            if tick is not None:
+                viewer.set_time("tick", sequence=tick, play_state="paused")
+                time.sleep(SETTLING / 3)
+            reports = [r for view in viewer.get_state().views for r in view.reports]
+            viewer.save_screenshot(str(shown))
+        except Exception as error:
+            raise EcologyError(f"the viewer cannot draw {str(source)!r}: {error}.") from error
+    require(not reports, f"the viewer cannot draw all of {str(source)!r}: {reports}.")
 
 
 if __name__ == "__main__":
