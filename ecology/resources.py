@@ -123,11 +123,12 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
     """Return the stock after a tick in which `eaten` was eaten, and what has grown, both (R,).
 
     Growth is the exact solution over dt from the stock at the start of the tick, and stops at the
-    capacity. An unlimited stock stays unlimited: as much grows as is eaten.
+    capacity; a logistic stock that is eaten up stays empty. An unlimited stock stays unlimited: as
+    much grows as is eaten.
     """
     span = season_time(table, time, dt)
     grown = table.linear * span
-    logistic = np.flatnonzero((table.logistic > 0) & (stock > 0))
+    logistic = np.flatnonzero((table.logistic > 0) & (stock > eaten))  # what is eaten up has no seed left
     if logistic.size:
         s, k = stock[logistic], table.capacity[logistic]
         rate = table.logistic[logistic] * span[logistic]

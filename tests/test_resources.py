@@ -253,13 +253,14 @@ def test_a_season_multiplies_growth(kind):
 
 
 def test_what_is_eaten_up_regrows_linearly_but_not_logistically():
-    """An empty stock gets rate dt from linear growth, and nothing from logistic growth."""
+    """A stock eaten up in a tick gets rate dt from linear growth, and nothing, ever, from logistic growth."""
     for growth, expected in ((Growth(rate=0.25), 0.25), (Growth(kind="logistic", rate=0.25), 0.0)):
-        env = world(berries(stock=1.0, growth=growth))
+        env = world(berries(stock=1.0, growth=growth), intake={"food": 1.0})
         env.reset_arrays(seed=0)
-        env.put(stock=[0.0])
-        idle(env)
+        eat(env)
         assert env.state_view.stock.tolist() == [expected]
+        idle(env)
+        assert env.state_view.stock.tolist() == [2 * expected]
 
 
 def test_a_stock_eaten_as_fast_as_it_regrows_stays_full():
@@ -313,6 +314,12 @@ def test_ticks_of_any_length_see_one_course_of_availability():
     assert np.array_equal(one[::2], presence(0.5, 2.0, 60, seed=4))
     third = presence(0.5, 0.3, 60, seed=4)
     assert np.array_equal(third, one[np.floor(0.3 * np.arange(200) + 1e-9).astype(int)])
+
+
+def test_a_unit_of_time_begins_despite_rounding():
+    """100 ticks of 0.29 are 29 units of time, although their product in floats is a little less."""
+    assert 100 * 0.29 < 29
+    assert resources.whole_units(100 * 0.29) == 29
 
 
 def test_certain_and_impossible_availability():
@@ -613,6 +620,15 @@ def test_resources_draw_from_streams_of_their_own():
         lives.append((birth, env.state_view.internal.copy()))
     assert np.array_equal(lives[0][0], lives[1][0])
     assert np.array_equal(lives[0][1], lives[1][1])
+
+
+def test_the_streams_of_births_and_noise_are_the_first_two():
+    """New concerns come after the old ones, so that lives known from before stay as they are."""
+    env = world(berries(), needs=(Need(name="food", set_point=2.0, noise=0.1),), count=3)
+    env.reset_arrays(seed=2)
+    idle(env)
+    noise = np.random.default_rng(np.random.SeedSequence(2).spawn(2)[1]).standard_normal(3)
+    assert env.state_view.internal[:, 0] == pytest.approx(2.0 + 0.1 * noise)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
