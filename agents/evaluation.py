@@ -178,7 +178,7 @@ class Maps:
 
     grid: Grid
     needs: tuple[int, ...]  # k
-    resources: tuple[int, ...]  # k the resource that serves the need, -1 without
+    resources: tuple[int, ...]  # k the resource that serves the need, -1 without one that stays in place
     value: Floats  # (k, rows, columns) drive units
     walk: Floats  # (k, rows, columns) walking distance to the resource's circle
 
@@ -212,13 +212,17 @@ def maps_of(scenario: Scenario, learner: Learner, slot: int = 0) -> Maps | None:
     serves = serving(scenario, compile_actions(species, scenario.resources, len(species.needs)))
     needs = mapped_needs(species)
     walk = np.full(value.shape, np.nan)
-    for i, need in enumerate(needs):
-        if need in serves:
-            resource = scenario.resources[serves[need]]
-            distance = paths.distance(places[grid.inside], resource.position)
-            walk[i][grid.inside] = np.maximum(distance - resource.radius, 0.0)
-    resources = tuple(serves.get(need, -1) for need in needs)
-    return Maps(grid=grid, needs=tuple(needs), resources=resources, value=value, walk=walk)
+    resources = [serves.get(need, -1) for need in needs]
+    for i, served_by in enumerate(resources):
+        if served_by < 0:
+            continue
+        resource = scenario.resources[served_by]
+        if resource.position is None or resource.motion is not None:  # no place to measure a map against
+            resources[i] = -1
+            continue
+        distance = paths.distance(places[grid.inside], resource.position)
+        walk[i][grid.inside] = np.maximum(distance - resource.radius, 0.0)
+    return Maps(grid=grid, needs=tuple(needs), resources=tuple(resources), value=value, walk=walk)
 
 
 def correlation(rank: bool, a: Floats, b: Floats) -> float | None:
@@ -237,6 +241,7 @@ def maps_report(maps: Maps, scenario: Scenario, group: Group) -> dict[str, Any]:
             continue
         resource, inside = scenario.resources[served_by], maps.grid.inside
         at = maps.minimum(i)
+        assert resource.position is not None  # `maps_of` leaves out those without a place
         distance = math.dist(at, resource.position)
         reached = np.isfinite(maps.walk[i][inside])
         told[species.needs[need].name] = {

@@ -38,6 +38,8 @@ def arena(ax: Axes, scenario: Scenario, highlight: int = -1, labels: bool = True
     ax.add_patch(Polygon(vertices, closed=True, fill=False, edgecolor=INK, linewidth=2.0, zorder=3))
     colours = resource_colours(scenario)
     for i, resource in enumerate(scenario.resources):
+        if resource.position is None:  # scattered anew in every world
+            continue
         meant = highlight in (-1, i)
         ax.add_patch(
             Circle(

@@ -153,6 +153,12 @@ def served(table: ActionTable, resource: int) -> tuple[int, int]:
 def know(scenario: Scenario, group: Group) -> Knowledge:
     """Return what there is to know for the species of `group`; EcologyError where no round is possible."""
     species = scenario.species[group.index]
+    for resource in scenario.resources:
+        if not resource.constant:
+            raise EcologyError(
+                f"a planner counts on resources that are unlimited, always available and stay in place; "
+                f"{resource.name!r} of {scenario.name!r} is not. Leave planner and camping out of the comparison."
+            )
     table = compile_actions(species, scenario.resources, len(species.needs))
     serves = [served(table, r) for r in range(len(scenario.resources))]
     moves = np.flatnonzero(np.array(table.kinds) == "move")

@@ -17,6 +17,7 @@ class ActionTable:
     names: tuple[str, ...]  # A
     kinds: tuple[str, ...]  # A
     control: Floats  # (A, V) u, per unit of time
+    intake: Floats  # (A, V) the part of u that is taken out of a resource's stock, per unit of time
     speed: Floats  # (A,)
     turn: Floats  # (A,) radians per unit of time
     direction: Floats  # (A,) absolute direction of a move, NaN: the heading
@@ -48,11 +49,15 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], width: in
                 thresholds[name] = min(value, thresholds.get(name, np.inf))
         for name, value in thresholds.items():
             closes_at[i, column[name]] = value
+    fed = np.zeros(width, bool)  # a need that cannot lie below its set point is tired, not fed
+    fed[: len(species.needs)] = [need.low < need.set_point for need in species.needs]
+    consumes = np.array([a.kind == "consume" for a in acts])
     resource = [row[a.resource] if a.resource is not None else -1 for a in acts]
     return ActionTable(
         names=tuple(a.name for a in acts),
         kinds=tuple(a.kind for a in acts),
         control=control,
+        intake=np.where(consumes[:, None] & fed, np.maximum(control, 0.0), 0.0),
         speed=np.array([a.speed for a in acts]),
         turn=np.array([a.turn for a in acts]),
         direction=np.array([np.nan if a.direction is None else a.direction for a in acts]),
@@ -75,22 +80,28 @@ def action_mask(
     hold: Floats,
     action: Ints,
     bound_for: Ints,
+    offered: Bools | None = None,
 ) -> Bools:
     """Return A_zeta, which actions are open, (n, A) for the n slots of one species.
 
     Thresholds of the body close actions; consume is open inside its circle, go_to while the
-    resource is seen (or already under way) and not reached; an action that still immobilises is
-    the only one open. A dead slot has no open action.
+    resource is seen (or already under way) and not reached, both only while the resource is
+    `offered` (R,), all of them when None; an action that still immobilises is the only one open.
+    A dead slot has no open action.
     """
     x = internal[:, None, :]
     mask: Bools = np.logical_and.reduce((x < table.closes_at) & (x >= table.opens_from), axis=2)  # (n, A)
     eats = np.flatnonzero(table.consumes >= 0)
     if eats.size:
         mask[:, eats] &= inside[:, table.consumes[eats]]
+        if offered is not None:
+            mask[:, eats] &= offered[table.consumes[eats]]
     goes = np.flatnonzero(table.goes_to >= 0)
     if goes.size:
         target = table.goes_to[goes]
         mask[:, goes] &= (seen[:, target] | (bound_for[:, None] == target)) & ~inside[:, target]
+        if offered is not None:
+            mask[:, goes] &= offered[target]
         if table.committed:
             under_way = table.goes_to[action] >= 0
             under_way &= bound_for >= 0

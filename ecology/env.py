@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from pettingzoo import ParallelEnv
 
-from ecology import physiology, senses
+from ecology import physiology, resources, senses
 from ecology.actions import action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
 from ecology.life import place
@@ -21,7 +21,7 @@ from ecology.senses import Layout
 from ecology.spec import require
 from ecology.state import Bools, Floats, Ints, State
 
-CONCERNS = ("birth", "noise")  # one random stream each
+CONCERNS = ("birth", "noise", "availability", "motion")  # one random stream each; new ones come last
 
 
 @dataclass(frozen=True)
@@ -88,13 +88,13 @@ class Ecology(ParallelEnv):
         self.horizon = horizon
         self.render_mode = render_mode
         self.dt = float(scenario.dt)
-        species, resources = scenario.species, scenario.resources
+        species = scenario.species
         width = max(len(s.needs) for s in species)
         self.size = sum(s.count for s in species)
         self._body = physiology.compile_bodies(species, width)
-        self._eyes = senses.compile_eyes(species, scenario.arena, resources)
-        self._tables = [compile_actions(s, resources, width) for s in species]
-        self._resources = np.array([r.position for r in resources], dtype=float).reshape(-1, 2)
+        self._eyes = senses.compile_eyes(species, scenario.arena, scenario.resources)
+        self._tables = [compile_actions(s, scenario.resources, width) for s in species]
+        self._resources = resources.compile_resources(scenario.resources)
         self._radius = np.repeat([float(s.radius) for s in species], [s.count for s in species])
         self.groups: dict[str, Group] = {}
         start = 0
@@ -138,7 +138,8 @@ class Ecology(ParallelEnv):
             self._seed = int(seed)
         streams = np.random.SeedSequence(self._seed).spawn(len(CONCERNS))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
-        n, resources = self.size, len(self._resources)
+        n, table = self.size, self._resources
+        r = len(table.stock)
         places = [place(self.scenario.arena, s, s.count, self._rng["birth"]) for s in self.scenario.species]
         position = np.concatenate([p for p, _ in places])
         heading = senses.wrap(np.concatenate([h for _, h in places]))
@@ -156,14 +157,21 @@ class Ecology(ParallelEnv):
             action=np.zeros(n, np.int64),
             hold=np.zeros(n),
             bound_for=np.full(n, -1),
-            inside=np.zeros((n, resources), bool),
-            seen=np.zeros((n, resources), bool),
-            resource_position=self._resources.copy(),
+            inside=np.zeros((n, r), bool),
+            seen=np.zeros((n, r), bool),
+            resource_position=resources.first_places(table, self.scenario.arena, self._rng["motion"]),
+            stock=table.stock.copy(),
+            available=resources.appear(table, np.ones(r, bool), 1, self._rng["availability"]),
+            grown=np.zeros(r),
+            eaten=np.zeros(r),
+            ingested=np.zeros_like(self._body.start),
+            metabolised=np.zeros_like(self._body.start),
+            lost=np.zeros_like(self._body.start),
             returned=0,
             closed=np.zeros(n, np.int64),
         )
-        for group, table in zip(self.groups.values(), self._tables, strict=True):
-            state.action[group.slots] = table.rest
+        for group, acts in zip(self.groups.values(), self._tables, strict=True):
+            state.action[group.slots] = acts.rest
         self._physics = Physics(self.scenario.arena, self._radius, state.position, state.alive)
         self._feel()
         return self._look(np.zeros(n), np.zeros(n, bool), np.zeros(n, bool))
@@ -181,17 +189,23 @@ class Ecology(ParallelEnv):
         way = np.stack([np.cos(direction), np.sin(direction)], axis=1) * speed[:, None]
         state.position, returned = self._physics.move(state.position, way, self.dt)
         state.returned += returned
+        # meetings: bodies that eat from one stock share it
+        control, ingested, eaten = self._eat(control)
         # physiology: bodies drift, act and are disturbed
         before = state.drive
         internal = physiology.advance(body, state.internal, control, state.time, state.age, self.dt, self._rng["noise"])
         # births and deaths
         died = physiology.fatal(body, internal) & state.alive if body.deadly else np.zeros(self.size, bool)
         alive = state.alive & ~died
-        state.internal = np.where(alive[:, None], physiology.clamp(body, internal), state.internal)
-        state.alive = alive
+        kept = np.where(alive[:, None], physiology.clamp(body, internal), state.internal)
+        metabolised, lost = physiology.spent(state.internal, ingested, internal, kept, state.alive)
+        state.metabolised, state.lost = state.metabolised + metabolised, state.lost + lost
+        state.internal, state.alive = kept, alive
         if died.any():
             slots = np.flatnonzero(died)
             self._physics.touch(slots, alive[slots])
+        # resources: stocks regrow, come and go, move
+        self._renew(eaten)
         # time
         state.tick += 1
         state.time = state.tick * self.dt
@@ -238,6 +252,49 @@ class Ecology(ParallelEnv):
         state.closed += closed
         return control, speed, direction, closed
 
+    def _eat(self, control: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return u (N, V) with every consumption at its share, and what is eaten (N, V) and from what (R,)."""
+        state, body = self._now(), self._body
+        ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
+        source = np.empty(self.size, np.int64)
+        for group, table in zip(self.groups.values(), self._tables, strict=True):
+            source[group.slots] = table.consumes[state.action[group.slots]]
+        eaters = np.flatnonzero(source >= 0)
+        if eaters.size:
+            rates = np.empty(control.shape)
+            for group, table in zip(self.groups.values(), self._tables, strict=True):
+                rates[group.slots] = table.intake[state.action[group.slots]]
+            wanted = resources.asked(rates[eaters], body.proportional[eaters], state.internal[eaters], self.dt)
+            there = np.where(state.available, state.stock, 0.0)
+            part, eaten = resources.share(wanted.sum(axis=1), source[eaters], there)
+            ingested[eaters] = wanted * part[:, None]
+            control[eaters] *= part[:, None]
+            state.ingested = state.ingested + ingested
+            state.eaten = state.eaten + eaten
+        return control, ingested, eaten
+
+    def _renew(self, eaten: Floats) -> None:
+        """Let the resources live through the tick in which `eaten` (R,) was eaten."""
+        state, table = self._now(), self._resources
+        if table.constant:
+            state.grown = state.eaten
+            return
+        emptied = np.isfinite(state.stock) & (eaten > 0) & (state.stock - eaten <= 0)
+        stock, grown = resources.regrow(table, state.stock, eaten, state.time, self.dt)
+        until = (state.tick + 1) * self.dt
+        places = resources.swing(table, state.resource_position, until)
+        places = resources.drift(table, self._physics.vertices, places, self.dt, self._rng["motion"])
+        places, gone = resources.relocate(table, self.scenario.arena, places, emptied, self._rng["motion"])
+        grown[gone] += table.stock[gone] - stock[gone]
+        stock[gone] = table.stock[gone]
+        if gone.any():  # who was on the way there does not know where it went
+            bound = np.flatnonzero(state.bound_for >= 0)
+            state.bound_for[bound[gone[state.bound_for[bound]]]] = -1
+        state.stock, state.grown, state.resource_position = stock, state.grown + grown, places
+        if table.uncertain:
+            units = resources.whole_units(until) - resources.whole_units(state.time)
+            state.available = resources.appear(table, state.available, units, self._rng["availability"])
+
     def _check_actions(self, actions: np.ndarray) -> None:
         require(
             actions.shape == (self.size,) and np.issubdtype(actions.dtype, np.integer),
@@ -262,10 +319,12 @@ class Ecology(ParallelEnv):
         )
         arrived = (
             state.inside[np.arange(self.size), state.bound_for] & (state.bound_for >= 0)
-            if len(self._resources)
+            if len(state.stock)
             else np.zeros(self.size, bool)
         )
         state.bound_for[arrived] = -1
+        sure = not (self._resources.finite or self._resources.uncertain)
+        offered = None if sure else resources.offered(state.stock, state.available)
         self._masks = {
             group.name: action_mask(
                 table,
@@ -276,6 +335,7 @@ class Ecology(ParallelEnv):
                 state.hold[group.slots],
                 state.action[group.slots],
                 state.bound_for[group.slots],
+                offered,
             )
             for group, table in zip(self.groups.values(), self._tables, strict=True)
         }

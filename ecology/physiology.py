@@ -126,6 +126,16 @@ def clamp(body: Body, internal: Floats) -> Floats:
     return np.minimum(np.maximum(internal, body.low), body.high)
 
 
+def spent(internal: Floats, ingested: Floats, after: Floats, kept: Floats, alive: Bools) -> tuple[Floats, Floats]:
+    """Return what the bodies alive (n,) at the start of a tick metabolised and what they lost, both (n, V).
+
+    x goes from `internal` to `after` by f and g, in which `ingested` was eaten, and is `kept` after
+    clamping; a body that dies keeps what it was. kept = internal + ingested - metabolised - lost.
+    """
+    living = alive[:, None]
+    return (internal + ingested - after) * living, (after - kept) * living
+
+
 def fatal(body: Body, internal: Floats) -> Bools:
     """Return who has a lethal need beyond its bounds, (n,); ask before `clamp`."""
     beyond = (internal < body.low) | (internal > body.high)

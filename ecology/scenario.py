@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ecology.errors import EcologyError, nearest
 from ecology.senses import SENSES, layout
-from ecology.spec import Arena, Resource, Species, require
+from ecology.spec import Action, Arena, Oscillation, Relocation, Resource, Species, require
 
 FARTHEST = 200  # radii that a body moves in one tick at most: as many substeps as physics takes
 
@@ -56,10 +57,21 @@ class Scenario:
 
         polygon = shapely.Polygon(self.arena.vertices)
         for resource in self.resources:
+            owner, place, motion = f"resource {resource.name!r}", resource.position, resource.motion
             require(
-                polygon.contains(shapely.Point(resource.position)),
-                f"resource {resource.name!r}: its position {resource.position!r} lies outside the "
-                "arena; move it inside the walls.",
+                place is None or polygon.contains(shapely.Point(place)),
+                f"{owner}: its position {place!r} lies outside the arena; move it inside the walls.",
+            )
+            require(
+                not isinstance(motion, Oscillation) or polygon.contains(shapely.LineString([place, motion.to])),
+                f"{owner}: its way from {place!r} to {getattr(motion, 'to', None)!r} leaves the arena; "
+                "oscillate between two points with no wall between them.",
+            )
+            require(
+                not (place is None or isinstance(motion, Relocation))
+                or not polygon.buffer(-resource.radius, join_style="mitre").is_empty,
+                f"{owner}: a circle of radius {resource.radius!r} is placed at random in the arena, but finds no "
+                "room in it; give a smaller radius.",
             )
         for species in self.species:
             room = polygon.buffer(-species.radius)
@@ -78,6 +90,7 @@ class Scenario:
         owner = f"species {species.name!r}"
         needs = [need.name for need in species.needs]
         resources = [resource.name for resource in self.resources]
+        unlimited = [resource.name for resource in self.resources if math.isinf(resource.stock)]
         for action in species.actions:
             require(
                 action.speed * self.dt <= FARTHEST * species.radius,
@@ -97,6 +110,12 @@ class Scenario:
                 f"{owner}: action {action.name!r} names the resource {action.resource!r}. "
                 f"{nearest(str(action.resource), resources)}",
             )
+            require(
+                action.kind != "consume" or action.resource in unlimited or self._feeds(species, action),
+                f"{owner}: action {action.name!r} takes nothing out of the finite stock of {action.resource!r}, "
+                "because it raises no need that can lie below its set point; give such an intake, or leave the "
+                "stock unlimited.",
+            )
         for name in species.collapse:
             require(name in needs, f"{owner}: collapse names the need {name!r}. {nearest(name, needs)}")
         for sense in species.senses:
@@ -113,3 +132,7 @@ class Scenario:
             "clock" not in species.senses or self.day is not None,
             f"{owner}: the sense 'clock' needs the scenario's day, the length of its period.",
         )
+
+    @staticmethod
+    def _feeds(species: Species, action: Action) -> bool:
+        return any(action.control.get(need.name, 0.0) > 0 and need.low < need.set_point for need in species.needs)

@@ -1,4 +1,4 @@
-"""The frozen words of a scenario: Need, Action, Species, Resource, Arena.
+"""The frozen words of a scenario: Need, Action, Species, Resource (Growth, motion), Arena.
 
 Everything a user writes is per unit of time (rates, speeds) and in units of the plane (lengths).
 Each word checks itself; `scenario.Scenario` checks that the words fit together.
@@ -33,7 +33,7 @@ def _finite(owner: str, **numbers: float) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Season:
-    """A sine of time that multiplies a need's decay: 1 + amplitude sin(2 pi t / period + phase)."""
+    """A sine of time that multiplies a decay or a growth: 1 + amplitude sin(2 pi t / period + phase)."""
 
     amplitude: float
     period: float  # time
@@ -173,7 +173,11 @@ def sleep(name: str = "sleep", *, duration: float, **rest_of: object) -> Action:
 
 
 def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Action:
-    """Return the consumption of `resource`, open within its circle; `intake` is u per need."""
+    """Return the consumption of `resource`, open within its circle while there is some; `intake` is u per need.
+
+    What it adds to needs is taken out of the stock; a need that cannot lie below its set point (a
+    fatigue) is not fed but tired, and takes nothing. Where a stock is short, all of u is scaled down.
+    """
     return Action(
         name=f"consume_{resource}",
         kind="consume",
@@ -184,7 +188,7 @@ def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Ac
 
 
 def go_to(resource: str, speed: float, **rest_of: object) -> Action:
-    """Return the walk to `resource`, open while it is seen and not yet reached."""
+    """Return the walk to `resource`, open while it is seen, not yet reached, and there is some."""
     return Action(
         name=f"go_to_{resource}",
         kind="go_to",
@@ -195,19 +199,132 @@ def go_to(resource: str, speed: float, **rest_of: object) -> Action:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Growth:
+    """How a stock S regrows, up to its capacity K; the season multiplies the rate.
+
+    linear: dS/dt = rate. logistic: dS/dt = rate S (1 - S / K), so that an empty stock stays empty.
+    """
+
+    kind: Literal["linear", "logistic"] = "linear"
+    rate: float  # linear: units of the stock per unit of time; logistic: per unit of time
+    season: Season | None = None
+
+    def __post_init__(self) -> None:
+        require(self.kind in ("linear", "logistic"), f"Growth: kind is 'linear' or 'logistic', got {self.kind!r}.")
+        _finite("Growth", rate=self.rate)
+        require(self.rate > 0, f"Growth: rate must be positive, got {self.rate!r}; leave growth out for none.")
+        require(
+            self.season is None or abs(self.season.amplitude) <= 1,
+            f"Growth: a season's amplitude must lie in [-1, 1], else growth would turn negative, got {self.season!r}.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Oscillation:
+    """A triangle wave of time: from the resource's position straight to `to` and back in one period."""
+
+    to: tuple[float, float]
+    period: float  # time
+    phase: float = 0.0  # radians of the wave at time 0: 0 at the position, pi at `to`
+
+    def __post_init__(self) -> None:
+        require(len(self.to) == 2, f"Oscillation: to is (x, y), got {self.to!r}.")
+        _finite("Oscillation", x=self.to[0], y=self.to[1], period=self.period, phase=self.phase)
+        require(self.period > 0, f"Oscillation: period must be positive, got {self.period!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """A Brownian motion of the circle's centre, reflected by the walls of the arena."""
+
+    spread: float  # standard deviation along x and along y, length per square root of a unit of time
+
+    def __post_init__(self) -> None:
+        _finite("Drift", spread=self.spread)
+        require(self.spread > 0, f"Drift: spread must be positive, got {self.spread!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relocation:
+    """A jump to a random place whenever the stock is eaten up; there it is what it was at the start."""
+
+
+Motion = Oscillation | Drift | Relocation
+
+
+@dataclass(frozen=True, kw_only=True)
 class Resource:
-    """A circle in the plane within which a resource can be consumed; unlimited."""
+    """A stock at a place: a circle in the plane within which it can be consumed.
+
+    Without further words it is unlimited, fixed and always available. A stock is counted in units
+    of intake: what consuming adds to needs is what leaves the stock.
+    """
 
     name: str
-    position: tuple[float, float]
+    position: tuple[float, float] | None = None  # at the start; anywhere in the arena when None
     radius: float = 0.3
+    stock: float = math.inf  # at the start, units of intake
+    capacity: float | None = None  # most that the stock can be, units of intake; as at the start when None
+    growth: Growth | None = None  # none: what is eaten does not come back
+    availability: float = 1.0  # probability of being there, drawn anew at every whole unit of time
+    motion: Motion | None = None  # none: it stays where it is
 
     def __post_init__(self) -> None:
         owner = f"resource {self.name!r}"
         require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
-        require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
-        _finite(owner, x=self.position[0], y=self.position[1], radius=self.radius)
+        if self.position is not None:
+            require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
+            _finite(owner, x=self.position[0], y=self.position[1])
+        _finite(owner, radius=self.radius)
         require(self.radius > 0, f"{owner}: radius must be positive, got {self.radius!r}.")
+        for word, amount in (("stock", self.stock), ("capacity", self.most)):
+            require(
+                isinstance(amount, (int, float)) and amount >= 0,
+                f"{owner}: {word} must be a number of at least 0, or math.inf, got {amount!r}.",
+            )
+        require(
+            self.stock <= self.most,
+            f"{owner}: the stock {self.stock!r} must not exceed the capacity {self.most!r}; "
+            "raise the capacity or start with less.",
+        )
+        if self.growth is not None:
+            require(
+                math.isfinite(self.stock),
+                f"{owner}: only a finite stock grows, got the stock {self.stock!r}; give a stock or leave growth out.",
+            )
+            require(self.most > 0, f"{owner}: growth needs room; give a capacity above the stock {self.stock!r}.")
+            require(
+                self.growth.kind == "linear" or (math.isfinite(self.most) and self.stock > 0),
+                f"{owner}: logistic growth needs a finite capacity and a stock above 0 to start from, got the "
+                f"stock {self.stock!r} and the capacity {self.most!r}.",
+            )
+        require(
+            isinstance(self.availability, (int, float)) and 0 <= self.availability <= 1,
+            f"{owner}: availability is a probability from 0 to 1, got {self.availability!r}.",
+        )
+        require(
+            self.motion is None or isinstance(self.motion, Motion),
+            f"{owner}: motion is an Oscillation, a Drift, a Relocation or None, got {self.motion!r}.",
+        )
+        require(
+            not isinstance(self.motion, Oscillation) or self.position is not None,
+            f"{owner}: an oscillation starts from the resource's position, got None; give the position.",
+        )
+        require(
+            not isinstance(self.motion, Relocation) or 0 < self.stock < math.inf,
+            f"{owner}: a relocation waits until the stock is eaten up, so it needs a finite stock above 0, "
+            f"got {self.stock!r}.",
+        )
+
+    @property
+    def most(self) -> float:
+        """Return the capacity: what the stock is at the start where none is given."""
+        return self.stock if self.capacity is None else self.capacity
+
+    @property
+    def constant(self) -> bool:
+        """Return whether it always is where its position says, and yields whatever is asked."""
+        return self.position is not None and self.motion is None and math.isinf(self.stock) and self.availability == 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

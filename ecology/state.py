@@ -37,6 +37,14 @@ class State:
     inside: Bools  # (N, R) within the resource's circle
     seen: Bools  # (N, R) within the view field, with no wall between
     resource_position: Floats  # (R, 2)
+    stock: Floats  # (R,) what is left, units of intake
+    available: Bools  # (R,) there in this unit of time
+    # the account, summed up since the start: what is stored is what came in less what went out
+    grown: Floats  # (R,) into the stock, by growth and relocation; unlimited: as much as was eaten
+    eaten: Floats  # (R,) out of the stock
+    ingested: Floats  # (N, V) eaten by the body
+    metabolised: Floats  # (N, V) taken by the rest of f and g: its own dynamics, other controls, noise
+    lost: Floats  # (N, V) beyond the bounds or eaten in the tick of death; negative where a bound holds x up
     returned: int  # times that the arena's guarantee put a body back inside
     closed: Ints  # (N,) closed actions asked for so far, each replaced
 

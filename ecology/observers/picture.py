@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -18,17 +20,23 @@ SIZE, DPI = (8.0, 6.0), 100  # inches, pixels per inch
 
 
 def draw(scenario: Scenario, state: State) -> np.ndarray:
-    """Return the arena, resources and bodies (with heading, coloured by drive), uint8 (600, 800, 3)."""
+    """Return the arena, resources and bodies (with heading, coloured by drive), uint8 (600, 800, 3).
+
+    A finite resource is drawn as full as its stock is; one that is empty or unavailable is a ring.
+    """
     figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     vertices = np.array(scenario.arena.vertices, dtype=float)
     axes.set_facecolor("0.82")
     axes.fill(*vertices.T, facecolor="white", edgecolor="black", linewidth=2, zorder=1)
-    for resource, place, colour in zip(
-        scenario.resources, state.resource_position, resource_colours(scenario), strict=True
-    ):
-        _circles(axes, place[None], resource.radius, [_unit(colour)], alpha=0.45, zorder=2)
+    for i, (resource, colour) in enumerate(zip(scenario.resources, resource_colours(scenario), strict=True)):
+        place, face = state.resource_position[i], _unit(colour)
+        full = 1.0 if math.isinf(resource.most) else float(state.stock[i]) / max(resource.most, 1e-12)
+        full *= float(state.available[i])
+        if not resource.constant:
+            _circles(axes, place[None], resource.radius, "none", edge=face, zorder=2)
+        _circles(axes, place[None], resource.radius, [face], alpha=0.45 * full, zorder=2)
         axes.annotate(resource.name, place - [0, resource.radius], ha="center", va="top", fontsize=8, zorder=5)
     drives = ScalarMappable(Normalize(0, highest_drive(scenario)), ListedColormap(scale("plasma") / 255))
     start, handles = 0, []

@@ -1,0 +1,230 @@
+"""Resources as stock times place: sharing, growth, availability and motion, pure functions of arrays.
+
+Shapes: N slots, R resources, V needs, W walls. Amounts are in units of intake.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ecology.life import scatter
+from ecology.physics import inside_polygon
+from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource
+from ecology.state import Bools, Floats, Ints
+
+CRUMB = 1e-9  # share of a stock; who asks for all but a crumb gets the crumb too, so that it is empty
+MIRRORS = 8  # reflections in one tick, after which a drifting resource stays where it was
+
+
+@dataclass(frozen=True)
+class ResourceTable:
+    """The constants of the resources, R rows; a row whose resource lacks a word is 0 or False there."""
+
+    position: Floats  # (R, 2) at the start, NaN: scattered
+    radius: Floats  # (R,)
+    stock: Floats  # (R,) at the start
+    capacity: Floats  # (R,)
+    linear: Floats  # (R,) rate of growth, units per unit of time
+    logistic: Floats  # (R,) rate of growth, per unit of time
+    amplitude: Floats  # (R,) of the season of growth
+    frequency: Floats  # (R,) of the season, radians per unit of time
+    phase: Floats  # (R,) of the season, radians
+    availability: Floats  # (R,) probability
+    swings: Ints  # (S,) resources that oscillate
+    far: Floats  # (S, 2) their other end
+    swing: Floats  # (S,) periods per unit of time
+    swing_phase: Floats  # (S,) periods
+    drifts: Ints  # (D,) resources that drift
+    spread: Floats  # (D,) length per square root of a unit of time
+    relocates: Bools  # (R,)
+    finite: bool  # whether any stock can be short
+    uncertain: bool  # whether any is not always available
+    constant: bool  # whether all are unlimited, always available and stay where they are
+
+
+def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
+    """Return the constants of `resources`, in their order."""
+
+    def growth(kind: str) -> Floats:
+        return np.array([r.growth.rate if r.growth and r.growth.kind == kind else 0.0 for r in resources], float)
+
+    def season(read) -> Floats:
+        found = [r.growth.season if isinstance(r.growth, Growth) else None for r in resources]
+        return np.array([read(s) if s else 0.0 for s in found], float)
+
+    swings = [(i, r.motion) for i, r in enumerate(resources) if isinstance(r.motion, Oscillation)]
+    drifts = [(i, r.motion) for i, r in enumerate(resources) if isinstance(r.motion, Drift)]
+    stock = np.array([r.stock for r in resources], float)
+    availability = np.array([r.availability for r in resources], float)
+    finite, uncertain = bool(np.isfinite(stock).any()), bool((availability < 1).any())
+    return ResourceTable(
+        position=np.array([r.position or (np.nan, np.nan) for r in resources], float).reshape(-1, 2),
+        radius=np.array([r.radius for r in resources], float),
+        stock=stock,
+        capacity=np.array([r.most for r in resources], float),
+        linear=growth("linear"),
+        logistic=growth("logistic"),
+        amplitude=season(lambda s: s.amplitude),
+        frequency=season(lambda s: 2 * np.pi / s.period),
+        phase=season(lambda s: s.phase),
+        availability=availability,
+        swings=np.array([i for i, _ in swings], np.int64),
+        far=np.array([m.to for _, m in swings], float).reshape(-1, 2),
+        swing=np.array([1 / m.period for _, m in swings], float),
+        swing_phase=np.array([m.phase / (2 * np.pi) for _, m in swings], float),
+        drifts=np.array([i for i, _ in drifts], np.int64),
+        spread=np.array([m.spread for _, m in drifts], float),
+        relocates=np.array([isinstance(r.motion, Relocation) for r in resources], bool),
+        finite=finite,
+        uncertain=uncertain,
+        constant=not (finite or uncertain or swings or drifts),
+    )
+
+
+# ---- eating --------------------------------------------------------------------------------
+
+
+def asked(intake: Floats, proportional: Bools, internal: Floats, dt: float) -> Floats:
+    """Return what bodies ask of their resource in a tick, per need, units of intake (n, V).
+
+    `intake` (n, V) is the part of the control that feeds, per unit of time; a proportional need's
+    control multiplies x (`internal`), so it asks for u x dt.
+    """
+    return np.maximum(np.where(proportional, intake * internal, intake), 0.0) * dt
+
+
+def share(wanted: Floats, source: Ints, stock: Floats) -> tuple[Floats, Floats]:
+    """Return the share of what it asks for that each body gets (n,), and what leaves each stock (R,).
+
+    `wanted` (n,) units asked of the resource `source` (n,). Where a stock is short, it is divided
+    in proportion to what is asked and is empty afterwards, exactly.
+    """
+    total = np.bincount(source, wanted, minlength=len(stock))
+    short = (total > 0) & (total >= stock * (1 - CRUMB))
+    part = np.divide(stock, total, out=np.ones_like(total), where=short)
+    return part[source], np.where(short, stock, total)
+
+
+# ---- growing -------------------------------------------------------------------------------
+
+
+def season_time(table: ResourceTable, time: float, dt: float) -> Floats:
+    """Return the integral of 1 + amplitude sin(2 pi t / period + phase) from `time` over dt, (R,)."""
+    angle = table.frequency * time + table.phase
+    wave = np.cos(angle) - np.cos(angle + table.frequency * dt)
+    return dt + np.divide(table.amplitude * wave, table.frequency, out=np.zeros_like(wave), where=table.frequency > 0)
+
+
+def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: float) -> tuple[Floats, Floats]:
+    """Return the stock after a tick in which `eaten` was eaten, and what has grown, both (R,).
+
+    Growth is the exact solution over dt from the stock at the start of the tick, and stops at the
+    capacity; a logistic stock that is eaten up stays empty. An unlimited stock stays unlimited: as
+    much grows as is eaten.
+    """
+    span = season_time(table, time, dt)
+    grown = table.linear * span
+    logistic = np.flatnonzero((table.logistic > 0) & (stock > eaten))  # what is eaten up has no seed left
+    if logistic.size:
+        s, k = stock[logistic], table.capacity[logistic]
+        rate = table.logistic[logistic] * span[logistic]
+        grown[logistic] = s * (k - s) * -np.expm1(-rate) / (s + (k - s) * np.exp(-rate))
+    finite = np.isfinite(stock)
+    left = np.where(finite, stock - eaten, 0.0)  # not negative: a share is at most the stock
+    grown = np.where(finite, np.minimum(grown, table.capacity - left), eaten)
+    return np.where(finite, left + grown, stock), grown
+
+
+# ---- coming and going ----------------------------------------------------------------------
+
+
+def offered(stock: Floats, available: Bools) -> Bools:
+    """Return which resources can be consumed and gone to: available and not empty, (R,)."""
+    return available & (stock > 0)
+
+
+def appear(table: ResourceTable, available: Bools, units: int, rng: np.random.Generator) -> Bools:
+    """Return which resources are available after `units` whole units of time have begun, (R,).
+
+    At each the resource is drawn anew, whatever it was before; between them it stays as it is. So
+    ticks of any length see the same course of it, from the same random numbers.
+    """
+    return rng.random((units, len(available)))[-1] < table.availability if units else available
+
+
+def whole_units(time: float) -> int:
+    """Return how many whole units of time have passed; rounding of time is forgiven."""
+    return math.floor(time + 1e-9)
+
+
+# ---- moving --------------------------------------------------------------------------------
+
+
+def first_places(table: ResourceTable, arena: Arena, rng: np.random.Generator) -> Floats:
+    """Return where the resources are at the start, (R, 2): scattered ones anywhere their circle fits."""
+    places = table.position.copy()
+    for i in np.flatnonzero(np.isnan(places[:, 0])):
+        places[i] = scatter(arena, table.radius[i], 1, rng)[0]
+    return swing(table, places, 0.0)
+
+
+def swing(table: ResourceTable, places: Floats, time: float) -> Floats:
+    """Return the places (R, 2) with the oscillating resources where a triangle wave has them at `time`."""
+    if not table.swings.size:
+        return places
+    beat = (time * table.swing + table.swing_phase) % 1.0
+    way = 1.0 - np.abs(1.0 - 2.0 * beat)  # 0 at the position, 1 at the other end, half a period later
+    near = table.position[table.swings]
+    places = places.copy()
+    places[table.swings] = near + way[:, None] * (table.far - near)
+    return places
+
+
+def drift(table: ResourceTable, vertices: Floats, places: Floats, dt: float, rng: np.random.Generator) -> Floats:
+    """Return the places (R, 2) after the drifting resources have moved for dt."""
+    if not table.drifts.size:
+        return places
+    steps = table.spread[:, None] * (math.sqrt(dt) * rng.standard_normal((len(table.drifts), 2)))
+    places = places.copy()
+    for i, step in zip(table.drifts, steps, strict=True):
+        places[i] = reflect(vertices, places[i], step)
+    return places
+
+
+def reflect(vertices: Floats, start: Floats, step: Floats) -> Floats:
+    """Return where a point at `start` (2,) ends after `step` (2,), mirrored at the walls (W, 2), (2,)."""
+    wall = np.roll(vertices, -1, axis=0) - vertices  # (W, 2)
+    here, there, last = start, start + step, -1
+    for _ in range(MIRRORS):
+        along, offset = there - here, vertices - here
+        cross = along[0] * wall[:, 1] - along[1] * wall[:, 0]
+        parallel = cross == 0
+        cross = np.where(parallel, 1.0, cross)
+        t = (offset[:, 0] * wall[:, 1] - offset[:, 1] * wall[:, 0]) / cross  # of the way
+        s = (offset[:, 0] * along[1] - offset[:, 1] * along[0]) / cross  # of the wall
+        t = np.where(parallel | (t < 0) | (t > 1) | (s < 0) | (s > 1), np.inf, t)
+        if last >= 0:
+            t[last] = np.inf  # it starts on the wall that it was mirrored at
+        hit = int(np.argmin(t))
+        if not np.isfinite(t[hit]):
+            break
+        normal = np.array([-wall[hit, 1], wall[hit, 0]]) / np.hypot(*wall[hit])
+        here, last = here + t[hit] * along, hit
+        there = there - 2.0 * ((there - here) @ normal) * normal
+    return there if inside_polygon(vertices, there[None])[0] else start
+
+
+def relocate(
+    table: ResourceTable, arena: Arena, places: Floats, emptied: Bools, rng: np.random.Generator
+) -> tuple[Floats, Bools]:
+    """Return the places (R, 2) after relocation and which have relocated (R,), of the `emptied` (R,)."""
+    gone = emptied & table.relocates
+    if gone.any():
+        places = places.copy()
+        for i in np.flatnonzero(gone):
+            places[i] = scatter(arena, table.radius[i], 1, rng)[0]
+    return places, gone
