@@ -534,13 +534,13 @@ def evaluate(
     tell("living")
     life = fresh_life(scenario, learner, ticks, seed)
     drives = {"learned": interval(drive_series(life, skip))}
-    for name in BASELINES:
-        tell(f"living as {name}")
+    for other_name in BASELINES:
+        tell(f"living as {other_name}")
         try:
-            other = baseline(name, scenario, group, seed, ticks)
+            other = baseline(other_name, scenario, group, seed, ticks)
         except EcologyError:
             continue  # a world in which this one cannot live: nothing to walk to
-        drives[name] = interval(mean_drive(scenario, other, ticks, seed, skip))
+        drives[other_name] = interval(mean_drive(scenario, other, ticks, seed, skip))
     tell("maps")
     maps = maps_of(scenario, learner, slot)
     tell("probe")

@@ -178,7 +178,7 @@ def test_score_over_a_movement_tends_to_the_papers_score() -> None:
     gamma, zeta = learner.settings.gamma, torch.tensor([[[-0.5, -1.0, -0.2, -2.0, 0.3, 0.4, 3.2, 2.2, 0.7]]])
     change, duration = learner.changes(zeta)
     short = (duration[0, 0] < 2.0) & (change[0, 0, :, -1].abs() < 0.3)  # all but sleep and turns
-    assert short.sum() > 10
+    assert short.sum() >= 5
     whole = learner.scores(zeta) - learner.deviation_at(zeta)[..., None]
     rate = change / duration[..., None]
     first = learner.drive(zeta)[..., None] + (learner.slope(zeta)[:, :, None] * rate).sum(-1) / -math.log(gamma)
