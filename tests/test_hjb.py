@@ -71,9 +71,9 @@ def test_learned_deviation_function_converges_to_the_best_one() -> None:
     scenario = toy()
     env = Ecology(scenario)
     group = env.groups["eater"]
-    settings = {"gamma": 0.97, "life": 8_000.0, "width": 32, "pause": 3.0, "meal": 2.0, "update_every": 1.0}
-    learner = agents.make("hjb", group, SEED, settings)
-    loop.run(env, {"eater": learner}, env.reset_arrays(0), 8_000)
+    settings = {"gamma": 0.97, "life": 14_000.0, "width": 32, "pause": 3.0, "meal": 2.0, "memory": 4000}
+    learner = agents.make("hjb", group, SEED, {**settings, "update_every": 1.0})
+    loop.run(env, {"eater": learner}, env.reset_arrays(0), 14_000)
     grid = np.linspace(0.0, 4.0, 801)
     best = best_deviation(0.97, {"rest": 3, "consume_food": 2}, grid)
     lived = (grid > 0.2) & (grid < 2.8)  # where needs are imagined: -x* to 0.4 x*
