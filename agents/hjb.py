@@ -320,7 +320,6 @@ class HJB(Learner):
         moves, at = self.moves, self.movement
         under_way = at >= 0
         rows_ = np.arange(self.size)
-        action = moves.action[at, self.stage]
         over = self.left <= 0
         following = over & (self.stage == 0) & (moves.ticks[at, 1] > 0) & under_way
         self.stage[following] = 1
