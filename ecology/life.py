@@ -80,7 +80,7 @@ def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np
     tried = places.reshape(-1, 2)
     free = np.logical_and(inside_polygon(walls, tried), _room(walls, tried) >= radius).reshape(angle.shape)
     chosen = places[np.arange(len(places)), free.argmax(axis=1)]
-    return np.where(free.any(axis=1)[:, None], chosen, position)
+    return np.where(np.logical_or.reduce(free, axis=1)[:, None], chosen, position)
 
 
 def _room(walls: Floats, points: Floats) -> Floats:
