@@ -55,6 +55,8 @@ class Tick:
     drive: Floats  # (N,)
     alive: Bools  # (N,) at the end of the tick
     died: Bools  # (N,) in this tick
+    born: Bools  # (N,) in this tick
+    parent: Ints  # (N,) slot of the parent, -1 without
     closed: Bools  # (N,) whose action was closed and was replaced
     action: Ints  # (N,) executed in the tick
 
@@ -362,6 +364,8 @@ class Ecology(ParallelEnv):
             drive=state.drive,
             alive=state.alive,
             died=died,
+            born=np.zeros(self.size, bool),
+            parent=np.full(self.size, -1),
             closed=closed,
             action=state.action.copy(),
         )
