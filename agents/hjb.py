@@ -180,7 +180,9 @@ class HJB(Learner):
         self.high = torch.from_numpy(np.where(angles, 1e30, np.minimum(layout.high, 1e30)).astype(np.float32))
         self.angle = torch.from_numpy(np.flatnonzero(angles))
         self.plain = torch.from_numpy(np.flatnonzero(~angles))
-        centre = np.where(kinds == "position", (layout.low + layout.high) / 2, 0.0)
+        placed = kinds == "position"
+        centre = np.zeros(len(kinds))
+        centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
         self.centre = torch.from_numpy(centre.astype(np.float32))
         self.place = torch.from_numpy(np.flatnonzero(kinds == "position")[:2])
         self.cells = s.place_cells if len(self.place) == 2 else 0

@@ -60,7 +60,9 @@ def adaptive(
     join = bearings and bool(turns) and bool(moves)
     found: list[tuple[str, list[tuple[int, int]]]] = []
     for i, (name, kind) in enumerate(zip(group.actions, group.kinds, strict=True)):
-        length = {"move": stride, "rest": pause, "consume": meal, "bite": meal, "give": meal, "act": group.dt}.get(kind)
+        length = {
+            "move": stride, "rest": pause, "consume": meal, "bite": meal, "give": meal, "act": group.dt,
+        }.get(kind)  # fmt: skip
         if length is not None:
             found.append((name, [(i, _count(length, group.dt))]))
         elif kind == "go_to":
