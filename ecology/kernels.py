@@ -161,3 +161,137 @@ def in_view(
                 continue
         seen[p] = True
     return seen
+
+
+@numba.njit(cache=True)
+def inside_polygon(vertices: Floats, points: Floats) -> Bools:
+    """Return which points (n, 2) lie strictly inside the polygon (W, 2): crossings of a ray to the right, (n,)."""
+    found = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        odd = False
+        x2, y2 = vertices[-1, 0], vertices[-1, 1]  # the vertex before
+        for w in range(len(vertices)):
+            x1, y1 = vertices[w, 0], vertices[w, 1]
+            if (y1 > y) != (y2 > y):
+                rise = y2 - y1
+                # the ray from (x, y) crosses the edge where x < x1 + (y - y1) (x2 - x1) / rise
+                if ((x - x1) * rise < (y - y1) * (x2 - x1)) == (rise > 0):
+                    odd = not odd
+            x2, y2 = x1, y1
+        found[i] = odd
+    return found
+
+
+@numba.njit(cache=True)
+def around(
+    position: Floats,
+    heading: Floats,
+    alive: Bools,
+    bound_for: Ints,
+    looks: Bools,
+    half_angle: Floats,
+    range_: Floats,
+    patches: Floats,
+    reach: Floats,
+    kind: Ints,
+    kinds: int,
+    offered: Bools,
+    size: Floats,
+    torus: bool,
+    wall_from: Floats,
+    wall_along: Floats,
+    open_: bool,
+) -> tuple[Bools, Bools, Ints, Ints, Ints]:
+    """Return what n bodies have of R patches of K resources around them.
+
+    Inside which circle each is and which it sees, (n, R); for each resource the nearest patch of those
+    `offered` (R,), -1 without: `here`, in whose circle it is, `toward`, that it sees or is `bound_for`
+    (n,) and is not in, and `glimpse`, that it sees or is in, (n, K). Who has arrived is bound for nothing
+    more: `bound_for` is written. `looks`, `half_angle`, `range_` (n,) are the eyes, `reach`, `kind` (R,) the
+    patches.
+    """
+    n, count = len(position), len(patches)
+    inside, seen = np.zeros((n, count), np.bool_), np.zeros((n, count), np.bool_)
+    here, toward, glimpse = np.full((n, kinds), -1), np.full((n, kinds), -1), np.full((n, kinds), -1)
+    near, far, any_ = np.empty(kinds), np.empty(kinds), np.empty(kinds)
+    for i in range(n):
+        if not alive[i]:
+            continue
+        near[:], far[:], any_[:] = np.inf, np.inf, np.inf
+        for r in range(count):
+            dx = _way(position[i, 0], patches[r, 0], size[0], torus)
+            dy = _way(position[i, 1], patches[r, 1], size[1], torus)
+            d = math.sqrt(dx * dx + dy * dy)
+            within = d <= reach[r]
+            sees = looks[i] and d <= range_[i]
+            if sees and half_angle[i] < math.pi:
+                turn = math.atan2(dy, dx) - heading[i]
+                sees = abs((turn + math.pi) % (2 * math.pi) - math.pi) <= half_angle[i] + 1e-12
+            if sees and not open_:
+                sees = clear_lines(position[i : i + 1], patches[r : r + 1], wall_from, wall_along)[0]
+            inside[i, r], seen[i, r] = within, sees
+            bound = bound_for[i] == r
+            if bound and within:
+                bound_for[i] = -1
+            if not offered[r]:
+                continue
+            k = kind[r]
+            if within and d < near[k]:
+                near[k], here[i, k] = d, r
+            if (sees or bound) and not within and (bound or d < far[k]):  # who is on the way to one goes on to it
+                far[k], toward[i, k] = (-1.0 if bound else d), r
+            if (sees or within) and d < any_[k]:
+                any_[k], glimpse[i, k] = d, r
+    return inside, seen, here, toward, glimpse
+
+
+@numba.njit(cache=True)
+def open_actions(
+    internal: Floats,
+    alive: Bools,
+    hold: Floats,
+    action: Ints,
+    bound_for: Ints,
+    here: Ints,
+    toward: Ints,
+    targets: Ints,
+    opens_from: Floats,
+    closes_at: Floats,
+    consumes: Ints,
+    goes_to: Ints,
+    meets: Ints,
+    rest: int,
+    committed: bool,
+) -> Bools:
+    """Return A_zeta, which actions are open, (n, A) for the n slots of one species; see `actions.action_mask`."""
+    n, count, needs = len(internal), len(consumes), internal.shape[1]
+    mask = np.zeros((n, count), np.bool_)
+    for i in range(n):
+        if not alive[i]:
+            continue
+        if hold[i] > 0:
+            mask[i, action[i]] = True
+            continue
+        some = False
+        for a in range(count):
+            fits = True
+            for v in range(needs):
+                x = internal[i, v]
+                if not (opens_from[a, v] <= x < closes_at[a, v]):
+                    fits = False
+                    break
+            if fits and consumes[a] >= 0:
+                fits = here[i, consumes[a]] >= 0
+            if fits and goes_to[a] >= 0:
+                fits = toward[i, goes_to[a]] >= 0
+            if fits and meets[a] >= 0:
+                fits = targets[i, a] >= 0
+            mask[i, a] = fits
+            some |= fits
+        if committed and bound_for[i] >= 0 and goes_to[action[i]] >= 0 and mask[i, action[i]]:
+            mask[i, :] = False
+            mask[i, action[i]] = True
+        if not some:
+            mask[i, rest] = True  # a body whose thresholds close everything can still do nothing
+    return mask

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ecology.kernels import pairs_within
 from ecology.plane import Plane
 from ecology.state import Bools, Floats, Ints
 
@@ -25,8 +26,6 @@ def find(plane: Plane, position: Floats, alive: Bools, radius: float) -> Pairs:
 
     The cost grows with the pairs, not with N squared, as long as the radius is small in the arena.
     """
-    from ecology.kernels import pairs_within  # slow to load, needed where someone meets or senses others
-
     slots = np.flatnonzero(alive)
     who, other, gap, distance = pairs_within(position[slots], plane.low, plane.size, plane.torus, radius)
     if len(slots) == len(alive):
