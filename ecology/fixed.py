@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 from ecology.env import Ecology, Group, Tick, _float32_below
 from ecology.errors import EcologyError, nearest
 from ecology.spec import require
-from ecology.state import Bools, Floats, Ints
+from ecology.state import Floats, Ints
 
 
 class FixedSlots(ParallelEnv):
@@ -47,7 +47,6 @@ class FixedSlots(ParallelEnv):
         self.observation_spaces = {name: boxes[g.name] for name, g in self._group_of.items()}
         self._rest = np.array([g.kinds.index("rest") for g in self._group_of.values()], np.int64)  # (N,)
         self._actions = np.array([len(g.actions) for g in self._group_of.values()], np.int64)  # (N,)
-        self._alive: Bools = np.zeros(env.size, bool)
         self._ticks = 0
         self._seed = -1
 
@@ -66,21 +65,21 @@ class FixedSlots(ParallelEnv):
         seed = self._seed + 1 if seed is None else seed
         tick = self.env.reset_arrays(seed)
         self._seed = int(seed)
-        self._alive, self._ticks = tick.alive.copy(), 0
+        self._ticks = 0
         self.agents = list(self.possible_agents)
-        return self._told(tick, np.zeros(self.env.size, bool))
+        return self._told(tick)
 
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Advance one tick; every slot needs an action, that of an empty one is ignored."""
         require(bool(self.agents), "the world has not begun, or its horizon is reached; call reset.")
-        before = self._alive
         tick = self.env.step_arrays(self._wanted(actions))
-        self._alive, self._ticks = tick.alive.copy(), self._ticks + 1
+        self._ticks += 1
         over = self.env.horizon is not None and self._ticks >= self.env.horizon
-        observations, infos = self._told(tick, tick.alive & ~before)
-        rewards = dict(zip(self.possible_agents, np.where(before, tick.reward, 0.0).tolist(), strict=True))
+        observations, infos = self._told(tick)
+        lived = (tick.alive & ~tick.born) | tick.died
+        rewards = dict(zip(self.possible_agents, np.where(lived, tick.reward, 0.0).tolist(), strict=True))
         self.agents = [] if over else list(self.possible_agents)
         return (
             observations,
@@ -139,8 +138,8 @@ class FixedSlots(ParallelEnv):
         wanted = np.array([int(actions[name]) for name in self.possible_agents], np.int64)
         return np.where(wanted < self._actions, wanted, self._rest)
 
-    def _told(self, tick: Tick, born: Bools) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Return the observations and infos of all slots; `born` (N,) in this tick."""
+    def _told(self, tick: Tick) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """Return the observations and infos of all slots."""
         observations: list[Any] = []
         masks: list[np.ndarray] = []
         for group in self.env.groups.values():
@@ -162,7 +161,7 @@ class FixedSlots(ParallelEnv):
                 "drive": float(tick.drive[slot]) if alive else 0.0,
                 "closed": bool(tick.closed[slot]),
                 "alive": alive,
-                "born": bool(born[slot]),
+                "born": bool(tick.born[slot]),
             }
             if self.names:
                 infos[name]["agent"] = self.env.name_of(slot) if alive else None

@@ -6,32 +6,30 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from ecology import Arena, Ecology, EcologyError, Need, Resource, Scenario, Species, consume, move, rest, turn
+from ecology import Arena, Birth, Ecology, EcologyError, Need, Resource, Scenario, Species, consume, move, rest, turn
 from ecology.fixed import FixedSlots
 
 LIFE = 10  # ticks that a prey lives without food
-BIRTH = 15  # tick on which the nursery puts a newborn into the first slot
+BIRTH = 15  # tick from which on prey bear
 SHAPES = [{}, {"flatten": True}, {"pad": True}, {"flatten": True, "pad": True}]
 WALK, REST, EAT = 0, 1, 3  # of the prey
 
 
-class Nursery(Ecology):
-    """A world with one birth, on the tick BIRTH in the first slot, where everybody always gets 7 more reward."""
+class Gift(Ecology):
+    """A world in which every slot, empty or not, gets 7 more reward in every tick."""
 
     def step_arrays(self, actions):
         """Advance one tick."""
         tick = super().step_arrays(actions)
-        reward, state = tick.reward + 7.0, self.state_view
-        if state.tick == BIRTH:
-            serial, alive, internal = state.serial.copy(), state.alive.copy(), state.internal.copy()
-            serial[0], alive[0], internal[0, 0] = 99, True, 1.5
-            tick = self.put(serial=serial, alive=alive, internal=internal)
-        return dataclasses.replace(tick, reward=reward)
+        return dataclasses.replace(tick, reward=tick.reward + 7.0)
 
 
 @pytest.fixture
 def world():
-    """Return a maker of a world of two prey, who starve unless they eat, and three hunters, who do not."""
+    """Return a maker of a world of three slots of prey, two of them lived in, and three hunters.
+
+    Prey starve unless they eat; who has lived until BIRTH bears one offspring a tick while a slot is free.
+    """
 
     def make(kind=Ecology, **options):
         hunger = Need(name="food", set_point=2.0, start=0.1 * LIFE - 0.05, decay=0.1, bounds=(0.0, 4.0), lethal=True)
@@ -39,8 +37,10 @@ def world():
         prey = Species(
             name="prey",
             count=2,
+            capacity=3,
             needs=(hunger, calm),
             actions=(move("walk", 0.1), rest(), turn("turn_left", 1.0), consume("grass", {"food": 0.1})),
+            birth=Birth(rate=1e9, maturity=BIRTH - 0.5),
         )
         hunter = Species(
             name="hunter",
@@ -74,24 +74,29 @@ def test_pettingzoo_accepts_it(world, shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_all_that_is_observed_lies_in_its_space(world, shape):
     """Observations of the living and of empty slots lie in spaces that stay the same objects."""
-    slots = FixedSlots(world(Nursery), **shape)
+    slots = FixedSlots(world(), **shape)
     spaces = {name: slots.observation_space(name) for name in slots.possible_agents}
+    rng = np.random.default_rng(1)
+    births = 0
     observations, _ = slots.reset(seed=1)
-    for _ in range(BIRTH + 2):
+    for _ in range(2 * BIRTH):
         for name, space in spaces.items():
             assert slots.observation_space(name) is space
             assert space.contains(observations[name]), (name, observations[name], space)
-        observations, *_ = slots.step({name: slots.action_space(name).sample() for name in slots.agents})
+        wanted = {name: int(rng.integers(slots.action_space(name).n)) for name in slots.agents}
+        observations, *_, infos = slots.step(wanted | {"prey_slot_1": EAT})
+        births += sum(info["born"] for info in infos.values())
+    assert births > 0
 
 
 def test_the_agents_are_the_slots(world):
     """There is one agent a slot, named after its species, before, during and after every life."""
     slots = FixedSlots(world())
-    expected = ["prey_slot_0", "prey_slot_1", "hunter_slot_0", "hunter_slot_1", "hunter_slot_2"]
+    expected = ["prey_slot_0", "prey_slot_1", "prey_slot_2", "hunter_slot_0", "hunter_slot_1", "hunter_slot_2"]
     assert slots.possible_agents == expected
     slots.reset(seed=0)
-    for _ in range(2 * LIFE):
-        told = live(slots, 1)
+    for _ in range(2 * BIRTH):
+        told = live(slots, 1, {"prey_slot_1": EAT})
         assert slots.agents == expected
         assert all(list(part) == expected for part in told)
 
@@ -107,6 +112,8 @@ def test_the_living_are_told_what_the_world_tells(world):
         observations, rewards, _, _, infos = slots.step(wanted)
         tick = plain.step_arrays(np.array(list(wanted.values())))
         for slot, name in enumerate(slots.agents):
+            if name == "prey_slot_2":  # empty
+                continue
             species, row = name.split("_slot_")
             assert np.array_equal(observations[name]["observation"], tick.observations[species][int(row)])
             assert np.array_equal(observations[name]["action_mask"], tick.masks[species][int(row)])
@@ -121,11 +128,10 @@ def test_the_living_are_told_what_the_world_tells(world):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_dead_slot_is_black(world, shape):
     """From its death on a slot observes zeros, may only rest and gets 0; its death brings its last reward."""
-    slots, plain = FixedSlots(world(Nursery), **shape), world(Nursery)
+    slots, plain = FixedSlots(world(Gift), **shape), world(Gift)
     slots.reset(seed=0)
     plain.reset_arrays(seed=0)
-    eating = {"prey_slot_1": EAT}
-    asked = np.array([1, EAT, 1, 1, 1])
+    eating, asked = {"prey_slot_1": EAT}, np.array([1, EAT, 1, 1, 1, 1])
     for tick in range(1, BIRTH):
         observations, rewards, terminations, truncations, infos = live(slots, 1, eating)
         truth = plain.step_arrays(asked)
@@ -133,20 +139,20 @@ def test_a_dead_slot_is_black(world, shape):
         assert not any(truncations.values())
         assert infos["prey_slot_0"]["alive"] == (tick < LIFE)
         assert infos["prey_slot_1"]["alive"]
-        if tick >= LIFE:
-            info, seen = infos["prey_slot_0"], observations["prey_slot_0"]
+        for name in ["prey_slot_2"] + ["prey_slot_0"] * (tick >= LIFE):
+            info, seen = infos[name], observations[name]
             mask = info["action_mask"]
             assert list(np.flatnonzero(mask)) == [REST]
             assert info["agent"] is None
+            assert not info["alive"]
             assert info["drive"] == 0.0
             zeta = seen[: -len(mask)] if slots.flatten else seen["observation"]
             assert not zeta.any()
             assert np.array_equal(seen[-len(mask) :] if slots.flatten else seen["action_mask"], mask)
-        if tick == LIFE:
-            assert truth.died[0]
-            assert rewards["prey_slot_0"] == truth.reward[0] != 0.0
-        elif tick > LIFE:
-            assert truth.reward[0] != rewards["prey_slot_0"] == 0.0
+        assert truth.died[0] == (tick == LIFE)
+        assert rewards["prey_slot_0"] == (truth.reward[0] if tick <= LIFE else 0.0)
+        assert rewards["prey_slot_2"] == 0.0
+        assert rewards["prey_slot_1"] == truth.reward[1] > 6.0
 
 
 def test_what_an_empty_slot_does_is_ignored(world):
@@ -162,25 +168,23 @@ def test_what_an_empty_slot_does_is_ignored(world):
 
 
 def test_a_newborn_starts_a_new_life_in_a_slot(world):
-    """A birth is told once, without a reward, and the newborn has a name that nobody had."""
-    slots = FixedSlots(world(Nursery))
-    slots.reset(seed=0)
-    names = set()
-    for tick in range(1, BIRTH + 3):
-        observations, rewards, _, _, infos = live(slots, 1)
-        info = infos["prey_slot_0"]
-        assert [name for name in slots.agents if infos[name]["born"]] == ["prey_slot_0"] * (tick == BIRTH)
-        if tick < LIFE:
-            names.add(info["agent"])
-        if tick == BIRTH:
-            assert info["alive"]
-            assert info["agent"] == "prey_99"
-            assert info["agent"] not in names
-            assert observations["prey_slot_0"]["observation"][0] == np.float32(1.5 - 2.0)
-            assert observations["prey_slot_0"]["action_mask"].all()
-            assert rewards["prey_slot_0"] == rewards["prey_slot_1"] == 0.0  # a newborn's, and an empty slot's
-        if tick > BIRTH:
-            assert rewards["prey_slot_0"] > 0.0
+    """A birth is told once, without a reward, in the first free slot, and the newborn has a name that nobody had."""
+    slots = FixedSlots(world(Gift))
+    _, infos = slots.reset(seed=0)
+    names = {info["agent"] for info in infos.values()}
+    assert names == {"prey_0", "prey_1", "hunter_2", "hunter_3", "hunter_4", None}
+    births = {BIRTH: ("prey_slot_0", "prey_5"), BIRTH + 1: ("prey_slot_2", "prey_6")}
+    for tick in range(1, BIRTH + 5):
+        observations, rewards, _, _, infos = live(slots, 1, {"prey_slot_1": EAT})
+        born = [(name, infos[name]["agent"]) for name in slots.agents if infos[name]["born"]]
+        assert born == ([births[tick]] if tick in births else [])
+        for name, _ in born:
+            assert infos[name]["alive"]
+            assert observations[name]["observation"][0] == np.float32(0.1 * LIFE - 0.05 - 2.0)
+            assert observations[name]["action_mask"].all()
+            assert rewards[name] == 0.0
+    assert infos["prey_slot_0"]["agent"] == "prey_5"
+    assert rewards["prey_slot_0"] > 6.0
 
 
 def test_padded_spaces_are_common_and_an_added_action_is_rest(world):
@@ -200,8 +204,8 @@ def test_padded_spaces_are_common_and_an_added_action_is_rest(world):
     live(slots, 1, {"hunter_slot_0": 3, "hunter_slot_1": WALK})
     after = slots.env.state_view
     moved = (after.position != before.position).any(axis=1)
-    assert list(moved[2:]) == [False, True, False]
-    assert list(after.heading[2:] != before.heading[2:]) == [False, False, True]
+    assert list(moved[3:]) == [False, True, False]
+    assert list(after.heading[3:] != before.heading[3:]) == [False, False, True]
 
 
 def test_a_flat_observation_is_zeta_and_the_mask(world):
