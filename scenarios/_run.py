@@ -198,6 +198,7 @@ class Run:
             self.tick = self.env.reset_arrays(plan.seed)
         self.stopped_by: str | None = None
         self._resumed = False
+        self._previous = False  # whether it goes on from the checkpoint before the last
 
     @property
     def now(self) -> int:
@@ -217,18 +218,14 @@ class Run:
         """Make the folder and write the config; EcologyError where it already holds a run."""
         self.check_folder()
         text = self.plan.to_toml()
-        try:
+        with _writable(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             replace_text(self.folder / CONFIG, text)
-        except OSError as error:
-            raise EcologyError(
-                f"the folder {str(self.folder)!r} cannot be written: {error.strerror}. Give another --out."
-            ) from error
 
-    def restore(self) -> None:
-        """Become what the checkpoint in the folder holds; EcologyError where it does not fit."""
+    def restore(self, *, previous: bool = False) -> None:
+        """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit."""
         where = self.folder / CHECKPOINT
-        parts = checkpoint.read(where)
+        parts = checkpoint.read(where, previous=previous)
         try:
             told = parts["run"][1]
             mine = self._words()
@@ -247,23 +244,23 @@ class Run:
             raise
         except Exception as error:
             raise EcologyError(
-                f"the checkpoint {str(where)!r} is damaged or foreign: {type(error).__name__}: {error}. "
-                "Start the run anew."
+                f"the checkpoint {str(where)!r} is damaged or foreign ({type(error).__name__}: {error}). "
+                f"{checkpoint.advice(where)}"
             ) from error
 
-    def resume(self) -> None:
-        """Go on from the checkpoint, to the plan's ticks; `live` writes the config once nothing can fail.
+    def resume(self, *, previous: bool = False) -> None:
+        """Go on from the checkpoint (or the previous one), to the plan's ticks.
 
-        A run that was killed before anything but its config was written begins.
+        `live` writes the config once nothing can fail. A run that was killed before anything but its
+        config was written begins.
         """
-        if any((self.folder / name).exists() for name in WRITES if name != CONFIG) or self._has_checkpoint():
-            self.restore()
+        begun = any((self.folder / name).exists() for name in WRITES if name != CONFIG)
+        if begun or previous or checkpoint.there(self.folder / CHECKPOINT):
+            self.restore(previous=previous)
+        self._previous = previous
         if self._ended():
             self._longer_than(self.now)
         self._resumed = True
-
-    def _has_checkpoint(self) -> bool:
-        return checkpoint.there(self.folder / CHECKPOINT)
 
     def _ended(self) -> bool:
         """Return whether the summary says that the run came to the end of what it had lived."""
@@ -286,7 +283,7 @@ class Run:
         watchers = (self.tally, *observers, interrupt)
         every, last = self.plan.checkpoint_every, self.plan.ticks
         text = self.plan.to_toml()
-        with contextlib.ExitStack() as at_end:
+        with _writable(self.folder), contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
                 if watcher is self.tally and not self.now:
@@ -295,6 +292,8 @@ class Run:
                 at_end.callback(watcher.end)
             if self._resumed:
                 replace_text(self.folder / CONFIG, text)
+            if self._previous:
+                checkpoint.put_aside(self.folder / CHECKPOINT)
             at_end.callback(self._write_summary)
             try:
                 while self.now < last:
@@ -396,6 +395,17 @@ def _room(what: str) -> Iterator[None]:
         if not isinstance(error, (MemoryError, OverflowError)) and not any(word in told.lower() for word in about):
             raise
         raise EcologyError(f"{what} is too large for the memory of this machine ({told}); make it smaller.") from error
+
+
+@contextlib.contextmanager
+def _writable(folder: Path) -> Iterator[None]:
+    """Turn a failure to write into an EcologyError that names the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise EcologyError(
+            f"the folder {str(folder)!r} cannot be written ({error.strerror or error}). Make room, or give another."
+        ) from error
 
 
 def _big(choice: Choice) -> str:

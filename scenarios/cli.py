@@ -114,6 +114,9 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Folder of the run.  [default: runs/SCENARIO-SEED]")] = None,
     config: Annotated[Path | None, typer.Option(help="A config.toml to repeat.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Folder of a run to go on with.")] = None,
+    previous: Annotated[
+        bool, typer.Option("--previous", help="With --resume: go on from the checkpoint before the last.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
@@ -126,8 +129,10 @@ def run(
         _refuse("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
         _refuse("--resume", record=record, device=device)
         it = _run.opened(resume, ticks)
-        it.resume()
+        it.resume(previous=previous)
     else:
+        if previous:
+            raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
         plan = resolve(
             scenario,
             config=None if config is None else read_config(config),
