@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import hashlib
 import importlib.metadata
+import json
 import os
 import platform
 import re
@@ -59,13 +62,19 @@ class Plan:
 
     def to_toml(self) -> str:
         """Return the text of config.toml."""
+        world = self.load()
         words = {
             **{key: getattr(self, key) for key in PLAIN},
             "settings": self.settings,
             "learners": {
                 species: {"name": choice.name, "settings": choice.settings} for species, choice in self.learners.items()
             },
-            "made_with": {"dt": float(self.load().dt), "python": platform.python_version(), **versions()},
+            "made_with": {
+                "world": world_digest(world),
+                "dt": float(world.dt),
+                "python": platform.python_version(),
+                **versions(),
+            },
         }
         head = "# Repeat this run with: ecology run --config config.toml --out ANOTHER_FOLDER\n"
         return head + "# [made_with] says what it was made with and is not read.\n" + tomli_w.dumps(_toml(words, ""))
@@ -214,6 +223,26 @@ def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], life: float) -> Chosen:
 def _check_device(device: str) -> None:
     if device != "cpu":
         raise EcologyError(f"device is cpu, no learner computes elsewhere yet; leave out --device {device!r}.")
+
+
+def world_digest(world: Scenario) -> str:
+    """Return a digest of all that a scenario says of its world, whatever the length of the run."""
+    words = words_of(dataclasses.replace(world, ticks=1, settings={}))
+    return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
+
+
+def words_of(value: Any) -> Any:
+    """Return frozen words as JSON holds them: the same in every process, whatever the order of a mapping."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: words_of(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): words_of(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [words_of(each) for each in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    plain = value is None or isinstance(value, (str, bool, int, float))
+    return value if plain else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
 
 
 def versions() -> dict[str, str]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import hashlib
 import json
 import math
-import re
+import os
 import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +20,7 @@ from agents import checkpoint, loop
 from agents.base import DivergedError
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.observers.base import Mind, Observer
-from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve
+from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"
@@ -218,7 +216,7 @@ class Run:
         """Make the folder and write the config; EcologyError where it already holds a run."""
         self.check_folder()
         text = self.plan.to_toml()
-        with _writable(self.folder):
+        with writable(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             replace_text(self.folder / CONFIG, text)
 
@@ -283,7 +281,7 @@ class Run:
         watchers = (self.tally, *observers, interrupt)
         every, last = self.plan.checkpoint_every, self.plan.ticks
         text = self.plan.to_toml()
-        with _writable(self.folder), contextlib.ExitStack() as at_end:
+        with writable(self.folder), contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
                 if watcher is self.tally and not self.now:
@@ -343,11 +341,10 @@ class Run:
 
     def _words(self) -> dict[str, Any]:
         """Return what a checkpoint must share with the run that it is restored to, as JSON holds it."""
-        world = dataclasses.replace(self.scenario, ticks=1, settings={})
         words = {
             "seed": self.plan.seed,
-            "scenario": hashlib.sha256(json.dumps(_words_of(world), sort_keys=True).encode()).hexdigest(),
-            "learners": _words_of(self.plan.learners),
+            "scenario": world_digest(self.scenario),
+            "learners": words_of(self.plan.learners),
         }
         return json.loads(json.dumps(words))
 
@@ -367,20 +364,6 @@ def replace_text(path: Path, text: str) -> None:
     beside.replace(path)
 
 
-def _words_of(value: Any) -> Any:
-    """Return frozen words as JSON holds them: the same in every process, whatever the order of a mapping."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _words_of(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): _words_of(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_words_of(each) for each in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    plain = value is None or isinstance(value, (str, bool, int, float))
-    return value if plain else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
-
-
 @contextlib.contextmanager
 def _room(what: str) -> Iterator[None]:
     """Turn a failure to allocate into an EcologyError that says that `what` was too large."""
@@ -398,7 +381,7 @@ def _room(what: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _writable(folder: Path) -> Iterator[None]:
+def writable(folder: Path) -> Iterator[None]:
     """Turn a failure to write into an EcologyError that names the folder."""
     try:
         yield
@@ -406,6 +389,38 @@ def _writable(folder: Path) -> Iterator[None]:
         raise EcologyError(
             f"the folder {str(folder)!r} cannot be written ({error.strerror or error}). Make room, or give another."
         ) from error
+
+
+@contextlib.contextmanager
+def held(folder: Path, patience: float = 0.0) -> Iterator[None]:
+    """Keep other processes out of `folder`; EcologyError where one is still in it after `patience` seconds."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # not there: whoever opens it next says so
+        yield
+        return
+    try:
+        until = time.monotonic() + patience
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError as error:
+                if time.monotonic() >= until:
+                    raise EcologyError(
+                        f"another process is writing to the folder {str(folder)!r}; let it end, or stop it."
+                    ) from error
+                time.sleep(0.1)
+            except OSError:  # a file system without locks
+                break
+        yield
+    finally:
+        os.close(handle)
 
 
 def _big(choice: Choice) -> str:

@@ -26,7 +26,7 @@ from agents import checkpoint
 from agents.base import DivergedError, Learner, Transition
 from ecology import EcologyError
 from scenarios import _run
-from scenarios._plan import read_config, resolve
+from scenarios._plan import read_config, resolve, words_of
 from scenarios._run import Run
 from scenarios.cli import main
 
@@ -382,8 +382,8 @@ def test_a_checkpoint_of_other_settings_of_the_learner_is_refused(tmp_path: Path
 def test_the_words_of_a_checkpoint_are_the_same_in_every_process() -> None:
     """Neither the order of a mapping nor an address in memory counts."""
     one, other = {"a": 1, "b": (1.0, np.int64(2))}, {"b": [1.0, 2], "a": 1}
-    assert json.dumps(_run._words_of(one), sort_keys=True) == json.dumps(_run._words_of(other), sort_keys=True)
-    assert _run._words_of(object()) == _run._words_of(object())
+    assert json.dumps(words_of(one), sort_keys=True) == json.dumps(words_of(other), sort_keys=True)
+    assert words_of(object()) == words_of(object())
 
 
 @pytest.mark.parametrize(
