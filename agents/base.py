@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ecology import EcologyError, Group
+from ecology.senses import Layout
 
 
 class DivergedError(EcologyError):
@@ -24,6 +25,25 @@ class DivergedError(EcologyError):
         self.slot = slot
 
 
+def drive_terms(layout: Layout) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return how an agent knows its drive: `mix` (D, D), `felt` (D,), p; zeta (..., D) as rows.
+
+    d(zeta) = (epsilon + |zeta mix|^2)^(p/2) + zeta . felt: own regulated deviations, with what is felt of
+    others added to the deviation that it belongs to (`mix`) or to the drive itself (`felt`).
+    """
+    count = len(layout.kinds)
+    own = (np.array(layout.kinds) == "deviation") & layout.regulated
+    mix = np.diag(np.where(own, getattr(layout, "own", np.ones(count)), 0.0))
+    felt = np.zeros(count)
+    felt_to = getattr(layout, "felt_to", np.full(count, -1))
+    for row, (kind, to) in enumerate(zip(layout.kinds, felt_to, strict=True)):
+        if kind == "felt" and to >= 0:
+            mix[row, to] = float(layout.regulated[to])
+        elif kind == "felt":
+            felt[row] = 1.0
+    return mix.astype(np.float32), felt.astype(np.float32), float(getattr(layout, "exponent", 1.0))
+
+
 @dataclass(frozen=True)
 class Transition:
     """One tick in the life of the n slots of a species."""
@@ -33,7 +53,7 @@ class Transition:
     actions: np.ndarray  # int (n,) executed
     next_observations: np.ndarray  # float32 (n, D)
     next_masks: np.ndarray  # bool (n, A)
-    alive: np.ndarray  # bool (n,) after
+    alive: np.ndarray  # bool (n,) before and after: neither the dead nor the newborn
 
 
 class Learner(ABC):
@@ -67,6 +87,12 @@ class Learner(ABC):
 
     def learn(self, transition: Transition) -> None:  # noqa: B027  (most baselines learn nothing)
         """Take in one tick of life."""
+
+    def died(self, slots: np.ndarray) -> None:  # noqa: B027
+        """Take note that the agents in `slots` (k,), rows of this species, died in this tick."""
+
+    def born(self, slots: np.ndarray, parents: np.ndarray) -> None:  # noqa: B027
+        """Begin a new life in `slots` (k,); `parents` (k,) are rows of this species, -1: came from outside."""
 
     def begin(self) -> None:  # noqa: B027
         """Forget what was under way: the next observation does not follow from the last."""

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.base import Learner, Transition
+from agents.base import Learner, Transition, drive_terms
 from ecology import EcologyError, Group
 from ecology.errors import nearest
-from ecology.physiology import drive
 
 EXPLORES = 0.2  # share of random actions of the greedy agent while it learns
 
@@ -68,17 +67,16 @@ class Greedy(Learner):
         if not isinstance(epsilon, (int, float)) or not (math.isfinite(epsilon) and 0 <= epsilon <= 1):
             raise EcologyError(f"learner setting epsilon must lie between 0 and 1, got {epsilon!r}.")
         self.epsilon = float(epsilon)
-        self.needs = group.layout.needs
+        self.mix, self.felt, self.exponent = drive_terms(group.layout)
         shape = (self.size, len(group.actions))
         self.met = np.zeros(shape)  # how often each action has been met
-        self.change = np.zeros((*shape, self.needs))  # mean change of delta in a tick with it
+        self.change = np.zeros((*shape, len(group.layout.kinds)))  # mean change of zeta in a tick with it
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Return open actions (n,): epsilon-greedy in the predicted next drive."""
-        layout = self.group.layout
-        after = observations[:, None, : self.needs] + self.change  # (n, A, V)
-        after = after * layout.regulated[: self.needs]
-        score = np.where(masks, drive(after, layout.epsilon), np.inf)
+        after = observations[:, None] + self.change  # (n, A, D)
+        own = np.square(after @ self.mix).sum(axis=-1) + self.group.layout.epsilon
+        score = np.where(masks, own ** (self.exponent / 2) + after @ self.felt, np.inf)
         explores = self.rng.random(self.size) < self.epsilon
         return np.where(explores, draw_open(masks, self.rng), score.argmin(axis=1))
 
@@ -86,9 +84,13 @@ class Greedy(Learner):
         """Take the change of one tick into the mean of the action executed."""
         row = np.flatnonzero(transition.alive)
         action = transition.actions[row]
-        change = (transition.next_observations - transition.observations)[row, : self.needs]
+        change = (transition.next_observations - transition.observations)[row]
         self.met[row, action] += 1
         self.change[row, action] += (change - self.change[row, action]) / self.met[row, action][:, None]
+
+    def born(self, slots: np.ndarray, parents: np.ndarray) -> None:
+        """Forget what the last agent in each of `slots` (k,) has met."""
+        self.met[slots], self.change[slots] = 0, 0
 
     def evaluating(self, epsilon: float) -> None:
         """Stop learning and explore with `epsilon` from now on."""

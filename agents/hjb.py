@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from agents.base import DivergedError, Learner, Transition
+from agents.base import DivergedError, Learner, Transition, drive_terms
 from agents.memory import Memory
 from agents.movements import Movements, adaptive, single_ticks
 from agents.networks import Adam, Perceptrons, rows
@@ -39,6 +39,7 @@ FAR = -30.0  # exponent of a place cell below which it is silent; keeps denormal
 LONGEST = 300.0  # units of time, of a predicted duration
 ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
 ZETA = 2.0  # exponent of the law of the length of explored walks
+BLANK = {"movement": -1, "loss_f": math.nan, "loss_j": math.nan}  # of a life that begins; all else 0
 TRAIL = 64  # ticks of a movement whose states are kept on the way
 POLYAK = 0.1  # share by which the target network follows J per update
 
@@ -79,6 +80,8 @@ class HJBSettings:
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
+    inherit: bool = False  # a newborn starts from what its parent has learned, not from nothing
+    mutation: float = 0.0  # standard deviation of inherited weights, relative to each layer's root mean square
 
     def __post_init__(self) -> None:
         for names, rule, holds in RULES:
@@ -92,7 +95,7 @@ RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
     (("gamma",), "between 0 and 1, both excluded", lambda v: 0 < v < 1),
     (("epsilon", "epsilon_final", "recent_share", "imagined"), "from 0 to 1", lambda v: 0 <= v <= 1),
     (("epsilon_until",), "above 0 and at most 1", lambda v: 0 < v <= 1),
-    (("place_cells",), "0 or more", lambda v: v >= 0),
+    (("place_cells", "mutation"), "0 or more", lambda v: v >= 0),
     (("width", "batch", "batch_f", "recent", "memory", "persistence"), "1 or more", lambda v: v >= 1),
     (("place_spacing", "place_width"), "a length of at least 0.001", lambda v: v >= 1e-3),
     (
@@ -161,7 +164,8 @@ class HJB(Learner):
         layout = group.layout
         kinds = np.array(layout.kinds)
         self.components, self.count = len(kinds), len(self.moves.names)
-        self.regulated = torch.from_numpy(layout.regulated.astype(np.float32))
+        mix, felt, self.exponent = drive_terms(layout)
+        self.mix, self.felt = torch.from_numpy(mix), torch.from_numpy(felt) if felt.any() else None
         self.epsilon_of_drive = float(layout.epsilon)
         scale = torch.from_numpy(layout.scale.astype(np.float32))
         needs = kinds == "deviation"
@@ -169,18 +173,20 @@ class HJB(Learner):
         set_points = needs & layout.regulated & (layout.low < 0)  # needs that can be deprived
         self.deprivable = torch.from_numpy(set_points)
         deprived = layout.scale[set_points] if set_points.any() else layout.scale[needs]
-        self.worst = float(np.sqrt(np.sum(deprived**2)))  # drive of total deprivation
+        self.worst = float(np.sqrt(np.sum(deprived**2))) ** self.exponent  # drive of total deprivation
         self.scale = scale
         angles = kinds == "angle"
         self.low = torch.from_numpy(np.where(angles, -1e30, np.maximum(layout.low, -1e30)).astype(np.float32))
         self.high = torch.from_numpy(np.where(angles, 1e30, np.minimum(layout.high, 1e30)).astype(np.float32))
         self.angle = torch.from_numpy(np.flatnonzero(angles))
         self.plain = torch.from_numpy(np.flatnonzero(~angles))
-        centre = np.where(kinds == "position", (layout.low + layout.high) / 2, 0.0)
+        placed = kinds == "position"
+        centre = np.zeros(len(kinds))
+        centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
         self.centre = torch.from_numpy(centre.astype(np.float32))
         self.place = torch.from_numpy(np.flatnonzero(kinds == "position")[:2])
         self.cells = s.place_cells if len(self.place) == 2 else 0
-        unit = torch.where(self.need, CHANGE * scale, LENGTH * scale)
+        unit = torch.where(self.need | torch.from_numpy(kinds == "felt"), CHANGE * scale, LENGTH * scale)
         unit[self.angle] = 1.0
         self.unit = torch.cat([unit, torch.tensor([s.stride if s.adaptive_steps else group.dt])])  # (D + 1,)
 
@@ -218,7 +224,8 @@ class HJB(Learner):
 
     def drive(self, zeta: Tensor) -> Tensor:
         """Return d, (...) at zeta (..., D): the a priori interoception of Algorithm 1."""
-        return ((zeta * self.regulated).square().sum(-1) + self.epsilon_of_drive).sqrt()
+        own = ((zeta @ self.mix).square().sum(-1) + self.epsilon_of_drive) ** (self.exponent / 2)
+        return own if self.felt is None else own + zeta @ self.felt
 
     def features(self, zeta: Tensor, index: Tensor | None = None) -> Tensor:
         """Return network inputs (k, b, F) for zeta (k, b, D) of the agents `index` (k,)."""
@@ -277,6 +284,47 @@ class HJB(Learner):
             at = zeta.detach().requires_grad_()
             value = self.deviation_at(at, index, weights)
             return torch.autograd.grad(value.sum(), at, create_graph=True)[0]
+
+    # ---- births and deaths ----------------------------------------------------------------
+
+    def died(self, slots: np.ndarray) -> None:
+        """Drop the movements under way in `slots` (k,)."""
+        self.movement[slots] = -1
+
+    @torch.no_grad()
+    def born(self, slots: np.ndarray, parents: np.ndarray) -> None:
+        """Begin a new life in `slots` (k,), from nothing or from what `parents` (k,) know; all in place."""
+        for name, array in self._arrays().items():
+            array[slots] = BLANK.get(name, 0)
+        index = torch.from_numpy(slots)
+        for tensor in (self.cell_centre, self.cell_on):
+            tensor[index] = 0
+        for optimiser in (self.adam_f, self.adam_j):
+            optimiser.forget(index)
+        own = parents >= 0 if self.settings.inherit else np.zeros(len(slots), bool)
+        new = index[torch.from_numpy(~own)]
+        if len(new):
+            self.f.redraw(new)
+            self.J.redraw(new)
+            for slow, weight in zip(self.target, self.J.weights, strict=True):
+                slow[new] = weight[new]
+        if own.any():
+            self._inherit(index[torch.from_numpy(own)], torch.from_numpy(parents[own]))
+
+    def _inherit(self, index: Tensor, parents: Tensor) -> None:
+        """Give the newborn `index` (k,) what `parents` (k,) know of the world, with mutations."""
+        for tensor in (self.cell_centre, self.cell_on):
+            tensor[index] = tensor[parents]
+        self.cell_count[index.numpy()] = self.cell_count[parents.numpy()]
+        slow = self.target if self.settings.target_network else []
+        for tensor in (*self.f.weights, *self.J.weights, *slow):
+            tensor[index] = tensor[parents]
+        if self.settings.mutation > 0:
+            for weight in (*self.f.weights, *self.J.weights):
+                spread = self.settings.mutation * weight[index].square().mean((1, 2), keepdim=True).sqrt()
+                weight[index] += spread * torch.randn(weight[index].shape, generator=self.generator)
+            for slow_, weight, old in zip(slow, self.J.weights, [w[parents] for w in self.J.weights], strict=False):
+                slow_[index] += weight[index] - old  # the target mutates with J
 
     # ---- acting ---------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from agents.base import Learner, Transition
-from ecology import Ecology, Tick
+from ecology import Ecology, Group, Tick
 from ecology.observers.base import Observer
 
 
@@ -27,6 +27,8 @@ def run(
         for group, learner in groups:
             actions[group.slots] = learner.act(before.observations[group.name], before.masks[group.name])
         tick = env.step_arrays(actions)
+        alive = tick.alive & ~tick.born
+        changed = bool((tick.died | tick.born).any())
         for group, learner in groups:
             if learner.learning:
                 learner.learn(
@@ -36,11 +38,24 @@ def run(
                         actions=tick.action[group.slots],
                         next_observations=tick.observations[group.name],
                         next_masks=tick.masks[group.name],
-                        alive=tick.alive[group.slots],
+                        alive=alive[group.slots],
                     )
                 )
+            if changed:
+                _pass_on(group, learner, tick)
         if observers:
             state = env.state_view
             for observer in observers:
                 observer.watch(state, tick, learners)
     return tick
+
+
+def _pass_on(group: Group, learner: Learner, tick: Tick) -> None:
+    """Tell a learner who of its species died and who was born in `tick`."""
+    died, born = np.flatnonzero(tick.died[group.slots]), np.flatnonzero(tick.born[group.slots])
+    if died.size:
+        learner.died(died)
+    if born.size:
+        parent = tick.parent[group.slots][born]
+        own = (parent >= group.slots.start) & (parent < group.slots.stop)
+        learner.born(born, np.where(own, parent - group.slots.start, -1))

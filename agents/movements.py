@@ -51,16 +51,18 @@ def adaptive(
 ) -> Movements:
     """Return movements with adaptive time steps; lengths in units of time.
 
-    A move lasts `stride`, a rest `pause`, a meal `meal`, a turn about `bearing` radians, go_to until it
-    arrives, sleep its minimal duration. With `bearings`, turns are not decided alone: a turn toward
-    a bearing and the slowest move forward are one movement.
+    A move lasts `stride`, a rest `pause`, a meal, a bite and a gift `meal`, an act one tick, a turn about
+    `bearing` radians, go_to until it arrives, sleep its minimal duration. With `bearings`, turns are not
+    decided alone: a turn toward a bearing and the slowest move forward are one movement.
     """
     turns = [i for i, kind in enumerate(group.kinds) if kind == "turn"]
     moves = [i for i, kind in enumerate(group.kinds) if kind == "move"]
     join = bearings and bool(turns) and bool(moves)
     found: list[tuple[str, list[tuple[int, int]]]] = []
     for i, (name, kind) in enumerate(zip(group.actions, group.kinds, strict=True)):
-        length = {"move": stride, "rest": pause, "consume": meal}.get(kind)
+        length = {
+            "move": stride, "rest": pause, "consume": meal, "bite": meal, "give": meal, "act": group.dt,
+        }.get(kind)  # fmt: skip
         if length is not None:
             found.append((name, [(i, _count(length, group.dt))]))
         elif kind == "go_to":

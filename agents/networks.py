@@ -17,17 +17,27 @@ class Perceptrons:
 
     def __init__(self, n: int, sizes: Sequence[int], activation: Activation, generator: torch.Generator) -> None:
         """Draw weights uniformly within 1 / sqrt(fan in), for layers of `sizes`."""
-        self.activation = activation
-        self.weights: list[Tensor] = []  # per layer: (n, in, out), (n, 1, out)
-        for fan_in, fan_out in itertools.pairwise(sizes):
-            bound = 1 / math.sqrt(fan_in)
-            for shape in ((n, fan_in, fan_out), (n, 1, fan_out)):
-                drawn = torch.rand(shape, generator=generator) * (2 * bound) - bound
-                self.weights.append(drawn)
-        for w in self.weights[-2:]:
-            w.zero_()  # an output of zero at birth
+        self.activation, self.sizes, self.generator = activation, tuple(sizes), generator
+        self.weights = self._draw(n)  # per layer: (n, in, out), (n, 1, out)
         for w in self.weights:
             w.requires_grad_()
+
+    def _draw(self, n: int) -> list[Tensor]:
+        weights: list[Tensor] = []
+        for fan_in, fan_out in itertools.pairwise(self.sizes):
+            bound = 1 / math.sqrt(fan_in)
+            for shape in ((n, fan_in, fan_out), (n, 1, fan_out)):
+                drawn = torch.rand(shape, generator=self.generator) * (2 * bound) - bound
+                weights.append(drawn)
+        for w in weights[-2:]:
+            w.zero_()  # an output of zero at birth
+        return weights
+
+    @torch.no_grad()
+    def redraw(self, index: Tensor) -> None:
+        """Draw the weights of the agents `index` (k,) anew."""
+        for w, drawn in zip(self.weights, self._draw(len(index)), strict=True):
+            w[index] = drawn
 
     def __call__(self, inputs: Tensor, weights: Sequence[Tensor] | None = None) -> Tensor:
         """Return outputs (n, b, out) for inputs (n, b, in); `weights` in place of its own if given."""
@@ -55,6 +65,11 @@ class Adam:
         self.first = [torch.zeros_like(w) for w in weights]  # m
         self.second = [torch.zeros_like(w) for w in weights]  # v
         self.steps = torch.zeros(len(weights[0]))  # (n,)
+
+    def forget(self, index: Tensor) -> None:
+        """Start anew for the agents `index` (k,)."""
+        for moment in (*self.first, *self.second, self.steps):
+            moment[index] = 0
 
     @torch.no_grad()
     def step(self, gradients: Sequence[Tensor], rate: Tensor) -> None:

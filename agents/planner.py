@@ -159,7 +159,7 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
                 f"a planner counts on resources that are unlimited, always available and stay in place; "
                 f"{resource.name!r} of {scenario.name!r} is not. Leave planner and camping out of the comparison."
             )
-    table = compile_actions(species, scenario.resources, len(species.needs))
+    table = compile_actions(species, scenario.resources, len(species.needs), scenario.species)
     serves = [served(table, r) for r in range(len(scenario.resources))]
     moves = np.flatnonzero(np.array(table.kinds) == "move")
     sleeps = np.flatnonzero(np.array(table.kinds) == "sleep")

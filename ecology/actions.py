@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from ecology.state import Bools, Floats, Ints
 
 @dataclass(frozen=True)
 class ActionTable:
-    """The actions of one species in arrays, A actions and V needs."""
+    """The actions of one species in arrays, A actions and V needs (the most of any species)."""
 
     names: tuple[str, ...]  # A
     kinds: tuple[str, ...]  # A
@@ -23,6 +24,14 @@ class ActionTable:
     direction: Floats  # (A,) absolute direction of a move, NaN: the heading
     consumes: Ints  # (A,) resource index, -1 without
     goes_to: Ints  # (A,) resource index, -1 without
+    meets: Ints  # (A,) species index of whom it bites or gives to, -1 without
+    bites: Bools  # (A,)
+    reach: Floats  # (A,)
+    chance: Floats  # (A,) of a bite, per unit of time
+    gain: Floats  # (A, V) of a bite, units
+    damage: Floats  # (A, V) of a bite, units by the columns of the bitten; NaN: it kills
+    gives: Floats  # (A, V) per unit of time
+    arrives: Floats  # (A, V, V) share of what is given of a need (row) that the receiver gets of one (column)
     duration: Floats  # (A,)
     opens_from: Floats  # (A, V)
     closes_at: Floats  # (A, V)
@@ -30,17 +39,32 @@ class ActionTable:
     committed: bool  # whether a go_to excludes the other actions until it ends
 
 
-def compile_actions(species: Species, resources: tuple[Resource, ...], width: int) -> ActionTable:
-    """Return the action table of `species`, its need columns padded to `width`."""
-    column = {need.name: i for i, need in enumerate(species.needs)}
+def compile_actions(
+    species: Species, resources: tuple[Resource, ...], width: int, everyone: Sequence[Species]
+) -> ActionTable:
+    """Return the action table of `species`, its need columns padded to `width`; it meets `everyone`."""
+    columns = {s.name: {need.name: i for i, need in enumerate(s.needs)} for s in everyone}
+    column = columns[species.name]
+    index = {s.name: i for i, s in enumerate(everyone)}
     row = {resource.name: i for i, resource in enumerate(resources)}
     acts = species.actions
     control = np.zeros((len(acts), width))
     opens_from = np.full((len(acts), width), -np.inf)
     closes_at = np.full((len(acts), width), np.inf)
+    gain, gives, damage = np.zeros((3, len(acts), width))
+    arrives = np.zeros((len(acts), width, width))
     for i, action in enumerate(acts):
         for name, value in action.control.items():
             control[i, column[name]] = value
+        for name, value in action.gain.items():
+            gain[i, column[name]] = value
+        for name, value in (action.damage or {}).items():
+            damage[i, columns[str(action.species)][name]] = value
+        if action.damage is None:
+            damage[i] = np.nan
+        for name, value in action.gives.items():
+            gives[i, column[name]] = value
+            arrives[i, column[name], columns[str(action.species)][name]] = action.efficiency
         for name, value in action.opens_from.items():
             opens_from[i, column[name]] = value
         thresholds = dict(action.closes_at)
@@ -63,6 +87,14 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], width: in
         direction=np.array([np.nan if a.direction is None else a.direction for a in acts]),
         consumes=np.array([r if a.kind == "consume" else -1 for a, r in zip(acts, resource, strict=True)], np.int64),
         goes_to=np.array([r if a.kind == "go_to" else -1 for a, r in zip(acts, resource, strict=True)], np.int64),
+        meets=np.array([-1 if a.species is None else index[a.species] for a in acts], np.int64),
+        bites=np.array([a.kind == "bite" for a in acts]),
+        reach=np.array([a.reach for a in acts]),
+        chance=np.array([a.chance for a in acts]),
+        gain=gain,
+        damage=damage,
+        gives=gives,
+        arrives=arrives,
         duration=np.array([a.duration for a in acts]),
         opens_from=opens_from,
         closes_at=closes_at,
@@ -74,34 +106,29 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], width: in
 def action_mask(
     table: ActionTable,
     internal: Floats,
-    inside: Bools,
-    seen: Bools,
     alive: Bools,
     hold: Floats,
     action: Ints,
     bound_for: Ints,
-    offered: Bools | None = None,
+    here: Ints,
+    toward: Ints,
+    targets: Ints,
 ) -> Bools:
     """Return A_zeta, which actions are open, (n, A) for the n slots of one species.
 
-    Thresholds of the body close actions; consume is open inside its circle, go_to while the
-    resource is seen (or already under way) and not reached, both only while the resource is
-    `offered` (R,), all of them when None; an action that still immobilises is the only one open.
-    A dead slot has no open action.
+    Thresholds of the body close actions; consume is open where there is a patch `here` (n, K) of its
+    resource, go_to where one leads `toward` (n, K) another, bite and give where there is a target
+    (n, A), all -1 without; an action that still immobilises is the only one open. A dead slot has no
+    open action.
     """
     x = internal[:, None, :]
     mask: Bools = np.logical_and.reduce((x < table.closes_at) & (x >= table.opens_from), axis=2)  # (n, A)
     eats = np.flatnonzero(table.consumes >= 0)
     if eats.size:
-        mask[:, eats] &= inside[:, table.consumes[eats]]
-        if offered is not None:
-            mask[:, eats] &= offered[table.consumes[eats]]
+        mask[:, eats] &= here[:, table.consumes[eats]] >= 0
     goes = np.flatnonzero(table.goes_to >= 0)
     if goes.size:
-        target = table.goes_to[goes]
-        mask[:, goes] &= (seen[:, target] | (bound_for[:, None] == target)) & ~inside[:, target]
-        if offered is not None:
-            mask[:, goes] &= offered[target]
+        mask[:, goes] &= toward[:, table.goes_to[goes]] >= 0
         if table.committed:
             under_way = table.goes_to[action] >= 0
             under_way &= bound_for >= 0
@@ -109,6 +136,9 @@ def action_mask(
             if rows.size:
                 mask[rows] = False
                 mask[rows, action[rows]] = True
+    meets = np.flatnonzero(table.meets >= 0)
+    if meets.size:
+        mask[:, meets] &= targets[:, meets] >= 0
     held = np.flatnonzero(hold > 0)
     if held.size:
         mask[held] = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -11,17 +11,19 @@ import gymnasium
 import numpy as np
 from pettingzoo import ParallelEnv
 
-from ecology import physiology, resources, senses
-from ecology.actions import action_mask, compile_actions
+from ecology import empathy, life, meetings, neighbours, physiology, resources, senses
+from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
-from ecology.life import place
-from ecology.physics import Physics
+from ecology.meetings import World
+from ecology.physics import Physics, inside_polygon
+from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.senses import Layout
-from ecology.spec import require
-from ecology.state import Bools, Floats, Ints, State
+from ecology.spec import Species, require
+from ecology.state import CAUSES, Bools, Floats, Ints, State
 
-CONCERNS = ("birth", "noise", "availability", "motion")  # one random stream each; new ones come last
+# one random stream each; new ones come last
+CONCERNS = ("birth", "noise", "availability", "motion", "meeting", "offspring", "hazard", "rule", "lesion")
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,8 @@ class Tick:
     drive: Floats  # (N,)
     alive: Bools  # (N,) at the end of the tick
     died: Bools  # (N,) in this tick
+    born: Bools  # (N,) in this tick
+    parent: Ints  # (N,) slot of the parent, -1 without
     closed: Bools  # (N,) whose action was closed and was replaced
     action: Ints  # (N,) executed in the tick
 
@@ -90,23 +94,35 @@ class Ecology(ParallelEnv):
         self.dt = float(scenario.dt)
         species = scenario.species
         width = max(len(s.needs) for s in species)
-        self.size = sum(s.count for s in species)
+        counts = [s.slots for s in species]
+        self.size = sum(counts)
+        ends = np.cumsum(counts).tolist()
+        blocks = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+        self._plane = plane_of(scenario.arena)
+        self._walls = np.array(scenario.arena.vertices, dtype=float)
         self._body = physiology.compile_bodies(species, width)
         self._eyes = senses.compile_eyes(species, scenario.arena, scenario.resources)
-        self._tables = [compile_actions(s, scenario.resources, width) for s in species]
+        self._tables = [compile_actions(s, scenario.resources, width, species) for s in species]
         self._resources = resources.compile_resources(scenario.resources)
-        self._radius = np.repeat([float(s.radius) for s in species], [s.count for s in species])
+        self._gazes = [
+            senses.compile_gaze(s, rows, scenario.arena, scenario.resources, species)
+            for s, rows in zip(species, blocks, strict=True)
+        ]
+        self._couplings = empathy.compile_coupling(species, blocks, width)
+        self._radius = np.repeat([float(s.radius) for s in species], counts)
+        self._solid = np.repeat([s.solid for s in species], counts)
+        self._species_of = np.repeat(np.arange(len(species)), counts)
+        self._looks = np.repeat(
+            [bool(s.neighbours) or (s.empathy is not None and s.empathy.sight) for s in species], counts
+        )
+        self._near = self._nearness()
         self.groups: dict[str, Group] = {}
-        start = 0
-        for i, s in enumerate(species):
-            table = self._tables[i]
-            slots = slice(start, start + s.count)
-            start += s.count
+        for i, (s, rows, table, gaze) in enumerate(zip(species, blocks, self._tables, self._gazes, strict=True)):
             self.groups[s.name] = Group(
                 name=s.name,
                 index=i,
-                slots=slots,
-                layout=senses.layout(s, scenario.arena),
+                slots=rows,
+                layout=gaze.layout,
                 actions=table.names,
                 kinds=table.kinds,
                 speeds=table.speed,
@@ -114,12 +130,33 @@ class Ecology(ParallelEnv):
                 durations=table.duration,
                 dt=self.dt,
             )
-        self._group_of = {slot: g for g in self.groups.values() for slot in range(g.slots.start, g.slots.stop)}
-        self.possible_agents = [f"{self._group_of[slot].name}_{slot}" for slot in range(self.size)]
-        self._slot_of = {name: slot for slot, name in enumerate(self.possible_agents)}
+        self._needs = {s.name: tuple(need.name for need in s.needs) for s in species}
+        self.open_population = any(s.grows for s in species)
+        if not self.open_population:  # with births there is no end of names: see ecology.fixed
+            self.possible_agents = [f"{s.name}_{serial}" for s, serials in self._founders() for serial in serials]
         self.agents: list[str] = []
+        self._slots: dict[str, int] = {}  # of `agents`, by name
         self._state: State | None = None
         self._seed = 0
+
+    def _nearness(self) -> float:
+        """Return the distance within which anyone senses, meets or crowds another; 0: nobody does."""
+        found = [0.0]
+        for s, gaze in zip(self.scenario.species, self._gazes, strict=True):
+            if s.neighbours or (s.empathy is not None and s.empathy.sight):
+                found.append(gaze.far)
+            found += [action.reach for action in s.actions]
+            if s.crowding is not None:
+                found.append(s.crowding.within)
+        return max(found)
+
+    def _founders(self) -> list[tuple[Species, range]]:
+        """Return the species and the serials of those who live at the start."""
+        found, start = [], 0
+        for s in self.scenario.species:
+            found.append((s, range(start, start + s.count)))
+            start += s.count
+        return found
 
     # ---- the world in arrays -------------------------------------------------------------
 
@@ -140,23 +177,33 @@ class Ecology(ParallelEnv):
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
         n, table = self.size, self._resources
         r = len(table.stock)
-        places = [place(self.scenario.arena, s, s.count, self._rng["birth"]) for s in self.scenario.species]
-        position = np.concatenate([p for p, _ in places])
-        heading = senses.wrap(np.concatenate([h for _, h in places]))
+        alive, serial = np.zeros(n, bool), np.full(n, -1)
+        position, heading = np.tile(self._walls[0], (n, 1)), np.zeros(n)
+        for (s, serials), group in zip(self._founders(), self.groups.values(), strict=True):
+            rows = slice(group.slots.start, group.slots.start + s.count)
+            alive[rows], serial[rows] = True, serials
+            position[rows], heading[rows] = life.place(self.scenario.arena, s, s.count, self._rng["birth"])
+        nothing = np.zeros_like(self._body.start)
         self._state = state = State(
             tick=0,
             time=0.0,
-            next_serial=n,
-            alive=np.ones(n, bool),
-            serial=np.arange(n),
+            next_serial=int(np.count_nonzero(alive)),
+            alive=alive,
+            serial=serial,
+            parent=np.full(n, -1),
+            cause=np.zeros(n, np.int64),
             age=np.zeros(n),
             position=position,
-            heading=heading,
-            internal=self._body.start.copy(),
+            heading=senses.wrap(heading),
+            internal=np.where(alive[:, None], self._body.start, 0.0),
             drive=np.zeros(n),
-            action=np.zeros(n, np.int64),
+            own_drive=np.zeros(n),
+            felt=nothing.copy(),
+            action=np.concatenate([np.full(t.slots, acts.rest) for t, acts in self._kinds()]),
             hold=np.zeros(n),
             bound_for=np.full(n, -1),
+            bit=np.full(n, -1),
+            gave=np.full(n, -1),
             inside=np.zeros((n, r), bool),
             seen=np.zeros((n, r), bool),
             resource_position=resources.first_places(table, self.scenario.arena, self._rng["motion"]),
@@ -164,17 +211,22 @@ class Ecology(ParallelEnv):
             available=resources.appear(table, np.ones(r, bool), 1, self._rng["availability"]),
             grown=np.zeros(r),
             eaten=np.zeros(r),
-            ingested=np.zeros_like(self._body.start),
-            metabolised=np.zeros_like(self._body.start),
-            lost=np.zeros_like(self._body.start),
+            ingested=nothing.copy(),
+            received=nothing.copy(),
+            given=nothing.copy(),
+            metabolised=nothing.copy(),
+            lost=nothing.copy(),
             returned=0,
             closed=np.zeros(n, np.int64),
         )
-        for group, acts in zip(self.groups.values(), self._tables, strict=True):
-            state.action[group.slots] = acts.rest
-        self._physics = Physics(self.scenario.arena, self._radius, state.position, state.alive)
+        self._ring = self._rng["lesion"].permutation(n)
+        self._physics = Physics(self.scenario.arena, self._radius, self._solid, state.position, state.alive)
         self._feel()
-        return self._look(np.zeros(n), np.zeros(n, bool), np.zeros(n, bool))
+        return self._look(np.zeros(n))
+
+    def _kinds(self) -> Any:
+        """Return the species, each with its action table."""
+        return zip(self.scenario.species, self._tables, strict=True)
 
     def step_arrays(self, actions: Ints) -> Tick:
         """Advance one tick: this is the order of things, top to bottom.
@@ -187,33 +239,35 @@ class Ecology(ParallelEnv):
         control, speed, direction, closed = self._decide(np.asarray(actions))
         # physics: bodies move and touch
         way = np.stack([np.cos(direction), np.sin(direction)], axis=1) * speed[:, None]
-        state.position, returned = self._physics.move(state.position, way, self.dt)
+        state.position, returned = self._physics.move(state.position, way, self.dt, state.alive)
         state.returned += returned
-        # meetings: bodies that eat from one stock share it
+        # meetings: bodies that eat from one stock share it; bites, gifts, crowding, the scenario's own rule
         control, ingested, eaten = self._eat(control)
+        received, given, killed, ruled = self._meet(control)
         # physiology: bodies drift, act and are disturbed
         before = state.drive
+        taken = ingested + received - given
         internal = physiology.advance(body, state.internal, control, state.time, state.age, self.dt, self._rng["noise"])
+        internal += received - given
         # births and deaths
-        died = physiology.fatal(body, internal) & state.alive if body.deadly else np.zeros(self.size, bool)
+        died = self._die(internal, killed, ruled)
         alive = state.alive & ~died
         kept = np.where(alive[:, None], physiology.clamp(body, internal), state.internal)
-        metabolised, lost = physiology.spent(state.internal, ingested, internal, kept, state.alive)
+        metabolised, lost = physiology.spent(state.internal, taken, internal, kept, state.alive)
         state.metabolised, state.lost = state.metabolised + metabolised, state.lost + lost
+        free = ~state.alive  # a slot rests for a tick before a newborn takes it
         state.internal, state.alive = kept, alive
-        if died.any():
-            slots = np.flatnonzero(died)
-            self._physics.touch(slots, alive[slots])
+        state.age = state.age + self.dt * alive
+        state.hold = np.maximum(state.hold - self.dt, 0.0) * (state.hold > 1.5 * self.dt)
+        born, parent = self._bear(free)
         # resources: stocks regrow, come and go, move
         self._renew(eaten)
         # time
         state.tick += 1
         state.time = state.tick * self.dt
-        state.age = state.age + self.dt * alive
-        state.hold = np.maximum(state.hold - self.dt, 0.0) * (state.hold > 1.5 * self.dt)
         # senses and observation
         self._feel()
-        return self._look(before - state.drive, died, closed)
+        return self._look(np.where(born, 0.0, before - state.drive), died, closed, born, parent)
 
     def _decide(self, actions: np.ndarray) -> tuple[Floats, Floats, Floats, Bools]:
         """Return u (N, V), speed (N,), direction (N,) and who asked for a closed action (N,)."""
@@ -231,16 +285,17 @@ class Ecology(ParallelEnv):
             # rest where it is open, else what the body is held to: a sleep, a committed go_to
             fallback = np.where(mask[:, table.rest] | ~alive, table.rest, mask.argmax(axis=1))
             action = np.where(open_, wanted, fallback)
-            begins = (table.duration[action] > 0) & (state.hold[rows] <= 0) & alive
+            begins = (table.duration[action] > 0) & ~table.bites[action] & (state.hold[rows] <= 0) & alive
             state.hold[rows] = np.where(begins, table.duration[action], state.hold[rows])
             state.action[rows] = action
             control[rows] = table.control[action]
             heading = senses.wrap(state.heading[rows] + table.turn[action] * self.dt)
             pace = table.speed[action]
-            target = table.goes_to[action]
-            going = np.flatnonzero(target >= 0)
+            target = np.full(group.size, -1)
+            going = np.flatnonzero((table.goes_to[action] >= 0) & alive)
             if going.size:
-                gap = state.resource_position[target[going]] - state.position[rows][going]
+                target[going] = self._toward[rows][going, table.goes_to[action[going]]]
+                gap = self._plane.gap(state.position[rows][going], state.resource_position[target[going]])
                 heading[going] = np.arctan2(gap[:, 1], gap[:, 0])
                 pace = pace.copy()
                 pace[going] = np.minimum(pace[going], np.hypot(gap[:, 0], gap[:, 1]) / self.dt)
@@ -256,9 +311,13 @@ class Ecology(ParallelEnv):
         """Return u (N, V) with every consumption at its share, and what is eaten (N, V) and from what (R,)."""
         state, body = self._now(), self._body
         ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
-        source = np.empty(self.size, np.int64)
+        source = np.full(self.size, -1)
         for group, table in zip(self.groups.values(), self._tables, strict=True):
-            source[group.slots] = table.consumes[state.action[group.slots]]
+            kind = table.consumes[state.action[group.slots]]
+            eats = np.flatnonzero((kind >= 0) & state.alive[group.slots])
+            source[group.slots.start + eats] = self._here[group.slots][eats, kind[eats]]
+            without = eats[self._here[group.slots][eats, kind[eats]] < 0]  # held to a meal that is gone
+            control[group.slots.start + without] = 0.0
         eaters = np.flatnonzero(source >= 0)
         if eaters.size:
             rates = np.empty(control.shape)
@@ -273,6 +332,155 @@ class Ecology(ParallelEnv):
             state.eaten = state.eaten + eaten
         return control, ingested, eaten
 
+    def _meet(self, control: Floats) -> tuple[Floats, Floats, Bools, Bools]:
+        """Return what is received and given (N, V), who is bitten to death and who is killed by the rule, (N,).
+
+        Crowding is added to the control u (N, V).
+        """
+        state, n = self._now(), self.size
+        received, given = np.zeros(control.shape), np.zeros(control.shape)
+        killed, ruled = np.zeros(n, bool), np.zeros(n, bool)
+        if self._near:
+            state.bit, state.gave = np.full(n, -1), np.full(n, -1)
+            attackers, victims, chance = [], [], []
+            for group, table in zip(self.groups.values(), self._tables, strict=True):
+                rows = group.slots
+                action = state.action[rows]
+                target = self._targets[group.name][np.arange(group.size), action]
+                meets = (target >= 0) & (table.meets[action] >= 0) & state.alive[rows]
+                bites = np.flatnonzero(meets & table.bites[action] & (state.hold[rows] <= 0))
+                attackers.append(rows.start + bites)
+                victims.append(target[bites])
+                chance.append(table.chance[action[bites]])
+                gives = np.flatnonzero(meets & ~table.bites[action])
+                if gives.size:
+                    act, giver, to = action[gives], rows.start + gives, target[gives]
+                    held = state.internal[giver] - self._body.low[giver]
+                    gift = meetings.gifts(table.gives[act] * self.dt, held)
+                    given[giver] += gift
+                    np.add.at(received, to, np.einsum("kv,kvw->kw", gift, table.arrives[act]))
+                    state.gave[giver] = to
+            attacker, victim = np.concatenate(attackers), np.concatenate(victims)
+            if attacker.size:
+                won = meetings.succeed(attacker, victim, np.concatenate(chance), self.dt, n, self._rng["meeting"])
+                self._bite(attacker[won], victim[won], received, given, killed)
+            self._crowd(control)
+        if self.scenario.rule is not None:
+            world = World(
+                state.readonly(), self.dt, {g.name: g.slots for g in self.groups.values()}, self._needs,
+                {g.name: g.actions for g in self.groups.values()},
+            )  # fmt: skip
+            outcome = meetings.checked(self.scenario.rule(world, self._rng["rule"]), self.scenario, state)
+            living = state.alive[:, None]
+            received += np.where(living, outcome.received, 0.0)
+            given += np.where(living, outcome.given, 0.0)
+            ruled = outcome.killed & state.alive
+            if outcome.position is not None:
+                state.position = self._inside(np.asarray(outcome.position, float))
+        state.received, state.given = state.received + received, state.given + given
+        return received, given, killed, ruled
+
+    def _bite(self, attacker: Ints, victim: Ints, received: Floats, given: Floats, killed: Bools) -> None:
+        """Write what successful bites (k,) come to into what is received and given (N, V) and who is killed (N,)."""
+        state = self._now()
+        state.bit[attacker] = victim
+        for group, table in zip(self.groups.values(), self._tables, strict=True):
+            mine = (attacker >= group.slots.start) & (attacker < group.slots.stop)
+            who, whom = attacker[mine], victim[mine]
+            act = state.action[who]
+            state.hold[who] = table.duration[act]
+            received[who] += table.gain[act]
+            kills = np.isnan(table.damage[act]).any(axis=1)
+            killed[whom[kills]] = True
+            given[whom[~kills]] += table.damage[act[~kills]]
+
+    def _crowd(self, control: Floats) -> None:
+        """Add to u (N, V) what the others near a body do to it."""
+        pairs = self._pairs
+        for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
+            crowding = species.crowding
+            if crowding is None or pairs is None:
+                continue
+            close = pairs.who[pairs.distance <= crowding.within] - group.slots.start
+            others = np.bincount(close[(close >= 0) & (close < group.size)], minlength=group.size)
+            for name, rate in crowding.control.items():
+                control[group.slots, self._needs[species.name].index(name)] += rate * others
+
+    def _inside(self, position: Floats) -> Floats:
+        """Return `position` (N, 2) with bodies that a rule put outside the arena where they were."""
+        if self._plane.torus:
+            return self._plane.home(position)
+        state = self._now()
+        outside = ~inside_polygon(self._walls, position)
+        state.returned += int(np.count_nonzero(outside & state.alive))
+        return np.where(outside[:, None], state.position, position)
+
+    def _die(self, internal: Floats, killed: Bools, ruled: Bools) -> Bools:
+        """Return who dies in this tick, (N,), and note of what."""
+        state, body = self._now(), self._body
+        of_need = physiology.fatal(body, internal) if body.deadly else np.zeros(self.size, bool)
+        failed = np.zeros(self.size, bool)
+        for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
+            if species.hazard is not None:
+                failed[group.slots] = life.fails(species.hazard, state.age[group.slots], self.dt, self._rng["hazard"])
+        died = np.zeros(self.size, bool)
+        for cause, who in (("eaten", killed), ("rule", ruled), ("need", of_need), ("hazard", failed)):
+            new = who & state.alive & ~died
+            if new.any():
+                state.cause = np.where(new, CAUSES.index(cause), state.cause)
+                died |= new
+        return died
+
+    def _bear(self, free: Bools) -> tuple[Bools, Ints]:
+        """Let newborns take `free` slots (N,), and return who is born (N,) and the slot of each one's parent (N,)."""
+        state, arena = self._now(), self.scenario.arena
+        born, parent = np.zeros(self.size, bool), np.full(self.size, -1)
+        rng = self._rng["offspring"]
+        for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
+            if not species.grows:
+                continue
+            rows, needs = group.slots, self._needs[species.name]
+            slots = rows.start + np.flatnonzero(free[rows])
+            bearers = np.empty(0, np.int64)
+            if species.birth is not None:
+                able = life.fit(species.birth, needs, state.internal[rows], state.age[rows], state.alive[rows])
+                bearers = rows.start + life.bearers(species.birth, able, len(slots), self.dt, rng)
+                for name, cost in species.birth.cost.items():
+                    state.internal[bearers, needs.index(name)] -= cost
+                    state.given[bearers, needs.index(name)] += cost
+            arriving = (
+                min(int(rng.poisson(species.arrival * self.dt)), len(slots) - len(bearers)) if species.arrival else 0
+            )
+            place, heading = life.place(arena, species, arriving, rng)
+            if bearers.size:
+                place = np.concatenate(
+                    [life.beside(arena, self._walls, state.position[bearers], species.radius, rng), place]
+                )
+                heading = np.concatenate([rng.uniform(-np.pi, np.pi, len(bearers)), heading])
+            new = slots[: len(place)]
+            if not new.size:
+                continue
+            self._settle(new, place, heading)
+            parent[new[: len(bearers)]] = bearers
+            state.parent[new[: len(bearers)]] = state.serial[bearers]
+            born[new] = True
+        return born, parent
+
+    def _settle(self, new: Ints, place: Floats, heading: Floats) -> None:
+        """Let newborns live in the slots `new` (k,), at `place` (k, 2); what was left of the dead there is lost."""
+        state = self._now()
+        for name in ("serial", "parent", "cause", "age", "alive", "action", "bound_for", "position", "heading"):
+            setattr(state, name, getattr(state, name).copy())  # what was handed out stays as it was
+        state.lost[new] += state.internal[new]
+        state.received[new] += self._body.start[new]
+        state.internal[new] = self._body.start[new]
+        state.serial[new] = state.next_serial + np.arange(len(new))
+        state.next_serial += len(new)
+        state.alive[new], state.age[new], state.cause[new], state.parent[new] = True, 0.0, 0, -1
+        state.position[new], state.heading[new] = place, senses.wrap(heading)
+        state.hold[new], state.bound_for[new] = 0.0, -1
+        state.action[new] = self._tables[int(self._species_of[new[0]])].rest
+
     def _renew(self, eaten: Floats) -> None:
         """Let the resources live through the tick in which `eaten` (R,) was eaten."""
         state, table = self._now(), self._resources
@@ -283,7 +491,7 @@ class Ecology(ParallelEnv):
         stock, grown = resources.regrow(table, state.stock, eaten, state.time, self.dt)
         until = (state.tick + 1) * self.dt
         places = resources.swing(table, state.resource_position, until)
-        places = resources.drift(table, self._physics.vertices, places, self.dt, self._rng["motion"])
+        places = resources.drift(table, self.scenario.arena, places, self.dt, self._rng["motion"])
         places, gone = resources.relocate(table, self.scenario.arena, places, emptied, self._rng["motion"])
         grown[gone] += table.stock[gone] - stock[gone]
         stock[gone] = table.stock[gone]
@@ -310,59 +518,119 @@ class Ecology(ParallelEnv):
                 )
 
     def _feel(self) -> None:
-        """Renew what bodies feel and see: drive, reach, sight and the action masks."""
-        state, body = self._now(), self._body
+        """Renew what bodies feel and see: drive, reach, sight, neighbours and the action masks."""
+        state, body, table = self._now(), self._body, self._resources
+        rows = np.arange(self.size)
+        # resources in reach and in sight
+        state.inside, state.seen, distance = senses.reach_and_sight(
+            self._eyes, self._plane, state.position, state.heading, state.alive, state.resource_position
+        )
+        if len(state.stock):
+            state.bound_for = np.where(
+                state.inside[rows, state.bound_for] & (state.bound_for >= 0), -1, state.bound_for
+            )
+        offered = resources.offered(state.stock, state.available)
+        kinds = len(self.scenario.resources)
+        self._here = senses.nearest_of_kind(table.kind, kinds, distance, state.inside & offered)
+        ahead = state.seen.copy()
+        bound = np.flatnonzero(state.bound_for >= 0)
+        ahead[bound, state.bound_for[bound]] = True
+        distance[bound, state.bound_for[bound]] = -1.0  # who is on the way to one goes on to it
+        self._toward = senses.nearest_of_kind(table.kind, kinds, distance, ahead & ~state.inside & offered)
+        # others in reach and in sight
+        self._pairs = pairs = (
+            neighbours.find(self._plane, state.position, state.alive, self._near) if self._near else None
+        )
+        seen = None
+        if pairs is not None and self._looks.any():
+            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
+        self._targets = {
+            group.name: self._aim(group, acts) for group, acts in zip(self.groups.values(), self._tables, strict=True)
+        }
+        # the drive, of oneself and of others
         delta = physiology.deviation(body, state.internal)
-        state.drive = physiology.drive(delta, body.epsilon)
-        state.inside, state.seen = senses.reach_and_sight(
-            self._eyes, state.position, state.heading, state.alive, state.resource_position
+        state.own_drive = state.drive = physiology.drive(delta, body.epsilon, body.exponent)
+        for coupling in self._couplings:
+            self._empathise(coupling, delta, pairs, seen)
+        self._around = senses.Surroundings(
+            table, self._plane, body, self._species_of, self._glimpse(distance, offered), pairs, seen
         )
-        arrived = (
-            state.inside[np.arange(self.size), state.bound_for] & (state.bound_for >= 0)
-            if len(state.stock)
-            else np.zeros(self.size, bool)
-        )
-        state.bound_for[arrived] = -1
-        sure = not (self._resources.finite or self._resources.uncertain)
-        offered = None if sure else resources.offered(state.stock, state.available)
         self._masks = {
             group.name: action_mask(
-                table,
+                acts,
                 state.internal[group.slots],
-                state.inside[group.slots],
-                state.seen[group.slots],
                 state.alive[group.slots],
                 state.hold[group.slots],
                 state.action[group.slots],
                 state.bound_for[group.slots],
-                offered,
+                self._here[group.slots],
+                self._toward[group.slots],
+                self._targets[group.name],
             )
-            for group, table in zip(self.groups.values(), self._tables, strict=True)
+            for group, acts in zip(self.groups.values(), self._tables, strict=True)
         }
 
-    def _look(self, reward: Floats, died: Bools, closed: Bools) -> Tick:
-        """Return what the agents perceive."""
+    def _glimpse(self, distance: Floats, offered: Bools) -> Ints:
+        """Return the nearest patch of each resource with something in it that is seen or stood in, (N, K); -1 none."""
+        if not any(s.sees for s in self.scenario.species):
+            return self._here
         state = self._now()
-        observations = {}
-        for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
-            rows = group.slots
-            observations[group.name] = senses.observe(
-                species,
-                self._body.set_point[rows],
-                state.internal[rows],
-                state.position[rows],
-                state.heading[rows],
-                state.time,
-                self.scenario.day,
-            )
+        kept = (state.inside | state.seen) & offered
+        return senses.nearest_of_kind(self._resources.kind, len(self.scenario.resources), np.abs(distance), kept)
+
+    def _aim(self, group: Group, table: ActionTable) -> Ints:
+        """Return whom bites and gifts would meet, slots (n, A), -1 nobody: the nearest in reach, no wall between."""
+        targets = np.full((group.size, len(group.actions)), -1)
+        pairs, state = self._pairs, self._now()
+        for a in np.flatnonzero(table.meets >= 0):
+            assert pairs is not None
+            who = pairs.who - group.slots.start
+            kept = (pairs.distance <= table.reach[a]) & (who >= 0) & (who < group.size)
+            kept &= self._species_of[pairs.other] == table.meets[a]
+            at = np.flatnonzero(kept)
+            kept[at] = senses.clear(self._eyes, state.position[pairs.who[at]], state.position[pairs.other[at]])
+            found = neighbours.nearest(pairs, kept, group.slots.start, group.size, 1)[:, 0]
+            targets[:, a] = np.where(found >= 0, pairs.other[found], -1) if len(pairs.other) else -1
+        return targets
+
+    def _empathise(
+        self, coupling: empathy.Coupling, delta: Floats, pairs: neighbours.Pairs | None, seen: Bools | None
+    ) -> None:
+        """Let the state of others enter the drive of one species."""
+        state, body, rows = self._now(), self._body, coupling.rows
+        weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
+        felt = empathy.feel(coupling, weight, state, body)
+        state.felt, state.drive = state.felt.copy(), state.drive.copy()
+        state.felt[rows] = felt
+        if coupling.empathy.form == "sum":
+            state.drive[rows] = state.own_drive[rows] + felt[:, 0]
+        else:
+            together = coupling.own * delta[rows] + felt
+            state.drive[rows] = physiology.drive(together, body.epsilon[rows], body.exponent[rows])
+
+    def _look(
+        self,
+        reward: Floats,
+        died: Bools | None = None,
+        closed: Bools | None = None,
+        born: Bools | None = None,
+        parent: Ints | None = None,
+    ) -> Tick:
+        """Return what the agents perceive."""
+        state, none = self._now(), np.zeros(self.size, bool)
         return Tick(
-            observations=observations,
+            observations={
+                group.name: senses.observe(gaze, state, self._around, self.scenario.day)
+                for group, gaze in zip(self.groups.values(), self._gazes, strict=True)
+            },
             masks=self._masks,
             reward=reward,
             drive=state.drive,
             alive=state.alive,
-            died=died,
-            closed=closed,
+            died=none if died is None else died,
+            born=none if born is None else born,
+            parent=np.full(self.size, -1) if parent is None else parent,
+            closed=none if closed is None else closed,
             action=state.action.copy(),
         )
 
@@ -389,23 +657,20 @@ class Ecology(ParallelEnv):
                 f"state {name!r} has the shape {known[name].shape}, got {value.shape}.",
             )
             setattr(state, name, value.copy())
-        if "alive" in fields:
-            self._physics.touch(np.arange(self.size), state.alive)
         self._feel()
-        return self._look(np.zeros(self.size), np.zeros(self.size, bool), np.zeros(self.size, bool))
+        return self._look(np.zeros(self.size))
 
     # ---- leaving a world and coming back ---------------------------------------------------
 
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the world has become: arrays by name, and plain values that JSON holds.
 
-        Contacts are forgotten on the way (the solver's hidden memory of the last tick), so that a
-        world that lives on from here and one that is restored from here stay bit-identical.
+        A world that is restored from here lives on bit for bit as this one does.
         """
         state = self._now()
-        self._physics = Physics(self.scenario.arena, self._radius, state.position, state.alive)
         arrays = {name: array.copy() for name, array in state.arrays().items()}
         plain = {f.name: getattr(state, f.name) for f in fields(state) if f.name not in arrays}
+        arrays |= self._physics.memory()
         streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
         return arrays, {"seed": self._seed, "state": plain, "rng": streams}
 
@@ -417,125 +682,155 @@ class Ecology(ParallelEnv):
         fresh = Ecology(self.scenario)
         fresh.reset_arrays(values["seed"])
         state = fresh._now()
-        known = {name: (array.shape, array.dtype) for name, array in state.arrays().items()}
-        given = {name: (array.shape, array.dtype) for name, array in arrays.items()}
+        memory = fresh._physics.memory()  # of as many ticks as there were
+        own = state.arrays() | {name: array[:0] for name, array in memory.items()}
+        known = {name: (array.shape, array.dtype) for name, array in own.items()}
+        given = {
+            name: ((0, *array.shape[1:]) if name in memory else array.shape, array.dtype)
+            for name, array in arrays.items()
+        }
         differ = sorted(name for name in known.keys() | given.keys() if known.get(name) != given.get(name))
         require(
             not differ and values["rng"].keys() == fresh._rng.keys(),
             f"the snapshot is of another world than {self.scenario.name!r}: {', '.join(differ) or 'rng'} "
             "differ in shape or type; restore it with the scenario and the settings that it was made with.",
         )
-        for name, array in arrays.items():
-            setattr(state, name, array.copy())
+        for name in state.arrays():
+            setattr(state, name, arrays[name].copy())
         for name, value in values["state"].items():
             setattr(state, name, value)
         for name, stream in values["rng"].items():
             fresh._rng[name].bit_generator.state = stream
+        fresh._physics.remember(arrays, self.dt)
         self._seed, self._rng, self._state = fresh._seed, fresh._rng, state
-        self._physics = Physics(self.scenario.arena, self._radius, state.position, state.alive)
-        self.agents = [self.name_of(int(slot)) for slot in np.flatnonzero(state.alive)]
+        self._ring, self._physics = fresh._ring, fresh._physics
+        self._enlist()
         self._feel()
-        return self._look(np.zeros(self.size), np.zeros(self.size, bool), np.zeros(self.size, bool))
+        return self._look(np.zeros(self.size))
 
     # ---- the PettingZoo border -----------------------------------------------------------
 
     def name_of(self, slot: int) -> str:
         """Return the name of the agent in `slot`."""
-        return f"{self._group_of[slot].name}_{int(self._now().serial[slot])}"
+        return f"{self.scenario.species[self._species_of[slot]].name}_{int(self._now().serial[slot])}"
 
-    @functools.cache  # noqa: B019  (PettingZoo wants the same object every time)
+    def _enlist(self) -> None:
+        """Name the living, in the order of their slots."""
+        living = np.flatnonzero(self._now().alive).tolist()
+        self._slots = {self.name_of(slot): slot for slot in living}
+        self.agents = list(self._slots)
+
     def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
-        """Return Dict(observation Box float32 (D,), action_mask Box int8 (A,))."""
-        group = self._group_of[self._slot(agent)]
-        return gymnasium.spaces.Dict(
-            {
-                "observation": gymnasium.spaces.Box(
-                    _float32_below(group.layout.low), -_float32_below(-group.layout.high), dtype=np.float32
-                ),
-                "action_mask": gymnasium.spaces.Box(0, 1, (len(group.actions),), np.int8),
-            }
-        )
+        """Return Dict(observation Box float32 (D,), action_mask Box int8 (A,)), one object for a whole species."""
+        return self._spaces[self._species(agent)][0]
 
-    @functools.cache  # noqa: B019
     def action_space(self, agent: str) -> gymnasium.spaces.Discrete:
-        """Return Discrete(A)."""
-        return gymnasium.spaces.Discrete(len(self._group_of[self._slot(agent)].actions))
+        """Return Discrete(A), one object for a whole species."""
+        return self._spaces[self._species(agent)][1]
+
+    @functools.cached_property
+    def _spaces(self) -> dict[str, tuple[gymnasium.spaces.Dict, gymnasium.spaces.Discrete]]:
+        found = {}
+        for group in self.groups.values():
+            box = gymnasium.spaces.Box(
+                _float32_below(group.layout.low), -_float32_below(-group.layout.high), dtype=np.float32
+            )
+            mask = gymnasium.spaces.Box(0, 1, (len(group.actions),), np.int8)
+            found[group.name] = (
+                gymnasium.spaces.Dict({"observation": box, "action_mask": mask}),
+                gymnasium.spaces.Discrete(len(group.actions)),
+            )
+        return found
+
+    def _species(self, agent: str) -> str:
+        """Return the species of anyone who lives, has lived or will; EcologyError for a name that nobody can have."""
+        species, _, serial = str(agent).rpartition("_")
+        founders = getattr(self, "possible_agents", None)
+        if species not in self.groups or not serial.isdecimal() or (founders is not None and agent not in founders):
+            raise EcologyError(f"there is no agent {agent!r}. {nearest(str(agent), founders or self.agents)}")
+        return species
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Start anew; without a seed, with the next one after the last."""
         tick = self.reset_arrays(self._seed + 1 if seed is None and self._state is not None else seed)
-        self.agents = list(self.possible_agents)
-        slots = range(self.size)
-        return self._observation_dict(tick, slots), self._info_dict(tick, slots)
+        self._enlist()
+        slots = np.array(list(self._slots.values()), np.int64)
+        return self._observation_dict(tick, self.agents, slots), self._info_dict(tick, self.agents, slots)
 
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Advance one tick; every living agent needs an action, an index into its action space."""
-        self._now()
-        require(isinstance(actions, Mapping), f"actions are a dict, name to action, got {actions!r}.")
-        before = [self._slot_of[name] for name in self.agents]
+        """Advance one tick; every living agent needs an action, an index into its action space.
+
+        Newborns are in all five dicts on the tick of their birth; the dead are in them for a last time.
+        """
+        state = self._now()
+        slots = np.array(list(self._slots.values()), np.int64)
         array = np.zeros(self.size, np.int64)
-        missing = [name for name in self.agents if name not in actions]
-        require(not missing, f"every living agent needs an action; missing: {', '.join(missing[:5])}.")
-        living = set(self.agents)
-        for name, action in actions.items():
-            if name not in living:
-                known = name in self._slot_of
-                raise EcologyError(
-                    f"the life of {name!r} is over, it cannot act; act for `env.agents` only."
-                    if known
-                    else f"there is no agent {name!r}. {nearest(str(name), self.agents)}"
-                )
-            require(
-                (isinstance(action, (int, np.integer)) and not isinstance(action, bool))
-                or (isinstance(action, np.ndarray) and action.shape == () and action.dtype.kind in "iu"),
-                f"the action of {name} must be a whole number, got {action!r}.",
-            )
-            count = len(self._group_of[self._slot_of[name]].actions)
-            require(
-                0 <= int(action) < count,
-                f"the action of {name} must be a whole number from 0 to {count - 1}, got {int(action)}.",
-            )
-            array[self._slot_of[name]] = int(action)
+        array[slots] = self._read(actions)
         tick = self.step_arrays(array)
-        over = self.horizon is not None and self._now().tick >= self.horizon
-        names = [self.possible_agents[slot] for slot in before]
-        observations, infos = self._observation_dict(tick, before), self._info_dict(tick, before)
-        rewards = dict(zip(names, tick.reward[before].tolist(), strict=True))
-        terminations = dict(zip(names, (~tick.alive[before]).tolist(), strict=True))
+        names = self.agents
+        if tick.born.any():
+            slots = np.union1d(slots, np.flatnonzero(tick.born))
+            names = [self.name_of(slot) for slot in slots.tolist()]
+        over = self.horizon is not None and state.tick >= self.horizon
+        rewards = dict(zip(names, tick.reward[slots].tolist(), strict=True))
+        terminations = dict(zip(names, (~tick.alive[slots]).tolist(), strict=True))
         truncations = dict.fromkeys(names, over)
-        self.agents = [] if over else [name for name in names if not terminations[name]]
+        if over:
+            self.agents, self._slots = [], {}
+        elif tick.born.any() or tick.died.any():
+            self._enlist()
+        observations, infos = self._observation_dict(tick, names, slots), self._info_dict(tick, names, slots)
         return observations, rewards, terminations, truncations, infos
 
-    def _observation_dict(self, tick: Tick, slots: Any) -> dict[str, Any]:
+    def _read(self, actions: Any) -> np.ndarray:
+        """Return the actions of `self.agents` (n,) from a dict, or raise EcologyError."""
+        require(isinstance(actions, Mapping), f"actions are a dict, name to action, got {actions!r}.")
+        missing = [name for name in self.agents if name not in actions]
+        require(not missing, f"every living agent needs an action; missing: {', '.join(missing[:5])}.")
+        for name in actions if len(actions) > len(self.agents) else ():
+            if name not in self._slots:
+                self._species(name)
+                raise EcologyError(f"the life of {name!r} is over, it cannot act; act for `env.agents` only.")
+        wanted = [actions[name] for name in self.agents]
+        if not all(issubclass(kind, (int, np.integer)) and kind is not bool for kind in set(map(type, wanted))):
+            for name, action in zip(self.agents, wanted, strict=True):
+                require(
+                    (isinstance(action, (int, np.integer)) and not isinstance(action, bool))
+                    or (isinstance(action, np.ndarray) and action.shape == () and action.dtype.kind in "iu"),
+                    f"the action of {name} must be a whole number, got {action!r}.",
+                )
+            wanted = [int(action) for action in wanted]
+        try:
+            return np.array(wanted, np.int64)
+        except OverflowError as error:
+            raise EcologyError(f"an action is an index into its action space, got {max(wanted, key=abs)}.") from error
+
+    def _observation_dict(self, tick: Tick, names: list[str], slots: Ints) -> dict[str, Any]:
         found = {}
-        for slot in slots:
-            group = self._group_of[slot]
-            row = slot - group.slots.start
-            found[self.possible_agents[slot]] = {
-                "observation": tick.observations[group.name][row],
-                "action_mask": tick.masks[group.name][row].view(np.int8),
-            }
+        for group, part, rows in self._parts(slots):
+            zeta, mask = tick.observations[group.name][rows], tick.masks[group.name][rows].view(np.int8)
+            for name, observation, open_ in zip(names[part], zeta, mask, strict=True):
+                found[name] = {"observation": observation, "action_mask": open_}
         return found
 
-    def _info_dict(self, tick: Tick, slots: Any) -> dict[str, dict[str, Any]]:
-        found = {}
-        for slot in slots:
-            group = self._group_of[slot]
-            found[self.possible_agents[slot]] = {
-                "action_mask": tick.masks[group.name][slot - group.slots.start].view(np.int8),
-                "drive": float(tick.drive[slot]),
-                "closed": bool(tick.closed[slot]),
-            }
+    def _info_dict(self, tick: Tick, names: list[str], slots: Ints) -> dict[str, dict[str, Any]]:
+        found: dict[str, dict[str, Any]] = {}
+        for group, part, rows in self._parts(slots):
+            mask = tick.masks[group.name][rows].view(np.int8)
+            drive, closed = tick.drive[slots[part]].tolist(), tick.closed[slots[part]].tolist()
+            for name, open_, d, shut in zip(names[part], mask, drive, closed, strict=True):
+                found[name] = {"action_mask": open_, "drive": d, "closed": shut}
         return found
 
-    def _slot(self, agent: str) -> int:
-        if agent not in self._slot_of:
-            raise EcologyError(f"there is no agent {agent!r}. {nearest(str(agent), self._slot_of)}")
-        return self._slot_of[agent]
+    def _parts(self, slots: Ints) -> Iterator[tuple[Group, slice, Ints]]:
+        """Yield each group with the part of the ordered `slots` that is its own, and their rows in it."""
+        for group in self.groups.values():
+            start, stop = np.searchsorted(slots, (group.slots.start, group.slots.stop))
+            yield group, slice(int(start), int(stop)), slots[start:stop] - group.slots.start
 
     def state(self) -> np.ndarray:
         """Return a global view for centralised training, float32: position, heading, x and alive of every slot."""

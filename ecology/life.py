@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ecology.physics import inside_polygon
-from ecology.spec import Arena, Species
-from ecology.state import Floats
+from ecology.plane import plane_of
+from ecology.spec import Arena, Birth, Hazard, Species
+from ecology.state import Bools, Floats, Ints
+
+AROUND = 8  # directions in which a parent looks for room for its newborn
 
 
 def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -30,6 +33,7 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
     """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
     import shapely  # slow to load, needed at births only
 
+    margin = margin if arena.walls else 0.0
     room = shapely.Polygon(arena.vertices).buffer(-margin, join_style="mitre")
     parts = [np.array(p.exterior.coords)[:-1] for p in getattr(room, "geoms", [room])]
     low = np.min([p.min(axis=0) for p in parts], axis=0)
@@ -42,3 +46,56 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
         found.append(kept)
         have += len(kept)
     return np.concatenate(found)[:count] if found else np.empty((0, 2))
+
+
+# ---- births ----------------------------------------------------------------------------------
+
+
+def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, alive: Bools) -> Bools:
+    """Return who can bear: alive, mature and with every need at its threshold, (n,) for internal (n, V)."""
+    able: Bools = alive & (age >= birth.maturity)
+    for name, least in birth.threshold.items():
+        able &= internal[:, needs.index(name)] >= least
+    return able
+
+
+def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Generator) -> Ints:
+    """Return which of those `able` (n,) bear in a tick, at most as many as slots are `free`, in random order."""
+    drawn = rng.random((2, len(able)))
+    who = np.flatnonzero(able & (drawn[0] < -np.expm1(-birth.rate * dt)))
+    return who[np.argsort(drawn[1, who])][:free]
+
+
+def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np.random.Generator) -> Floats:
+    """Return places (k, 2) beside parents at `position` (k, 2), two radii away: in the arena, clear of its walls.
+
+    Directions are tried at random; where no one has room, the newborn starts where its parent is.
+    """
+    angle = rng.uniform(-np.pi, np.pi, len(position))[:, None] + 2 * np.pi / AROUND * np.arange(AROUND)
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # (k, AROUND, 2)
+    places = position[:, None] + 2.0 * radius * way
+    plane = plane_of(arena)
+    if plane.torus:
+        return plane.home(places[:, 0])
+    tried = places.reshape(-1, 2)
+    free = np.logical_and(inside_polygon(walls, tried), _room(walls, tried) >= radius).reshape(angle.shape)
+    chosen = places[np.arange(len(places)), free.argmax(axis=1)]
+    return np.where(np.logical_or.reduce(free, axis=1)[:, None], chosen, position)
+
+
+def _room(walls: Floats, points: Floats) -> Floats:
+    """Return how far points (m, 2) are from the nearest wall of the polygon (W, 2), (m,)."""
+    along = np.roll(walls, -1, axis=0) - walls
+    offset = points[:, None] - walls
+    share = np.clip((offset * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
+    return np.hypot(*np.moveaxis(offset - share[..., None] * along, -1, 0)).min(axis=1)
+
+
+# ---- deaths ----------------------------------------------------------------------------------
+
+
+def fails(hazard: Hazard, age: Floats, dt: float, rng: np.random.Generator) -> Bools:
+    """Return who of age (n,) dies by chance in a tick: the exact probability of a Gompertz hazard, (n,)."""
+    c = hazard.ageing
+    span = dt if c == 0 else np.exp(c * age) * np.expm1(c * dt) / c
+    return rng.random(len(age)) < -np.expm1(-hazard.rate * span)

@@ -8,83 +8,138 @@ moves the body. All bodies go through one buffer per substep, never one by one.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import pymunk
 import pymunk.batch
 
+from ecology.plane import plane_of
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
 
 WALL = 0.05  # radius of a wall's segments, length; their inner faces are the arena's edges
 SLOP = 0.02  # overlap that contacts tolerate, as a share of the smallest radius
+REBUILD = 200  # ticks after which the solver's memory of contacts is dropped
+SOLID, GHOST, WALLS = 1, 2, 4  # categories of what can touch
 SPATIAL_HASH_FROM = 300  # bodies; below, pymunk's default tree is faster
 MOVE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 COMMAND = MOVE | pymunk.batch.BodyFields.FORCE
 
 
 class Physics:
-    """The bodies of N slots in the walls of one arena."""
+    """The bodies of N slots in one arena.
 
-    def __init__(self, arena: Arena, radius: Floats, position: Floats, alive: Bools) -> None:
-        """Place N circles of `radius` (N,) at `position` (N, 2); dead ones touch nothing."""
-        self.radius = radius
+    The solver remembers contacts from tick to tick. Every REBUILD ticks it is built anew, and what it
+    was told since is kept, so that a world that is left and entered again at any tick goes on exactly.
+    """
+
+    def __init__(self, arena: Arena, radius: Floats, solid: Bools, position: Floats, alive: Bools) -> None:
+        """Place N circles of `radius` (N,) at `position` (N, 2); dead ones touch nothing, ghosts the walls only."""
+        self.arena, self.radius, self.solid = arena, radius, solid
+        self.plane = plane_of(arena)
         self.count = len(radius)
         self.smallest = float(radius.min()) if self.count else 1.0
         self.vertices = np.array(arena.vertices, dtype=float)
+        self.touches = arena.walls or bool(solid.any())
+        self._build(position, alive)
+
+    def _build(self, position: Floats, alive: Bools) -> None:
+        self.told: list[tuple[Floats, Floats, Bools]] = []  # position, velocity, alive of the ticks since
+        self._alive = alive.copy()
+        if not self.touches:
+            return
         self.space = pymunk.Space()
         self.space.damping = 0.0  # a body without a command does not glide
         self.space.collision_slop = SLOP * self.smallest
         if self.count > SPATIAL_HASH_FROM:
-            self.space.use_spatial_hash(2.5 * float(radius.max()), 2 * self.count)
-        self.shapes = []
-        for i in range(self.count):
-            body = pymunk.Body(1.0, math.inf)
-            body.position = tuple(position[i])
-            shape = pymunk.Circle(body, float(radius[i]))
-            self.space.add(body, shape)
-            self.shapes.append(shape)
-        walls = _outward(self.vertices, WALL)
-        for a, b in zip(walls, np.roll(walls, -1, axis=0), strict=True):
-            self.space.add(pymunk.Segment(self.space.static_body, tuple(a), tuple(b), WALL))
+            self.space.use_spatial_hash(2.5 * float(self.radius.max()), 2 * self.count)
+        bodies = [pymunk.Body(1.0, math.inf) for _ in range(self.count)]
+        self.shapes = [pymunk.Circle(body, r) for body, r in zip(bodies, self.radius.tolist(), strict=True)]
+        for body, place in zip(bodies, position.tolist(), strict=True):
+            body.position = place
+        self.space.add(*bodies, *self.shapes)
+        if self.arena.walls:
+            corners = _outward(self.vertices, WALL)
+            for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+                wall = pymunk.Segment(self.space.static_body, tuple(a), tuple(b), WALL)
+                wall.filter = pymunk.ShapeFilter(categories=WALLS)
+                self.space.add(wall)
         # one row per body and one, the last, for the static body that carries the walls
-        self._command = np.zeros((self.count + 1, 6))
+        self._rows = self.count + self.arena.walls
+        self._command = np.zeros((self._rows, 6))
         self._buffer = pymunk.batch.Buffer()
-        self.touch(np.arange(self.count), alive)
+        self._touch(np.arange(self.count), alive)
 
-    def touch(self, slots: np.ndarray, alive: Bools) -> None:
+    def _touch(self, slots: np.ndarray, alive: Bools) -> None:
         """Let the bodies of `slots` collide where `alive` (len(slots),), and pass through all else."""
-        for slot, there in zip(slots, alive, strict=True):
-            self.shapes[slot].filter = pymunk.ShapeFilter() if there else pymunk.ShapeFilter(mask=0)
+        for slot, there in zip(slots.tolist(), alive.tolist(), strict=True):
+            own, others = (SOLID, SOLID | WALLS) if self.solid[slot] else (GHOST, WALLS)
+            self.shapes[slot].filter = pymunk.ShapeFilter(categories=own, mask=others if there else 0)
 
-    def move(self, position: Floats, velocity: Floats, dt: float) -> tuple[Floats, int]:
+    def move(self, position: Floats, velocity: Floats, dt: float, alive: Bools | None = None) -> tuple[Floats, int]:
         """Return positions (N, 2) after `dt` at the commanded `velocity` (N, 2), and the count put back.
 
+        `alive` (N,) are who can be touched from now on; who could be before when None.
         Substeps are as many as keep a body from moving farther than the smallest radius in one.
         A body that would end outside the arena stays where it was: the guarantee, counted.
         """
-        fastest = math.sqrt(float(np.max(np.einsum("ij,ij->i", velocity, velocity)))) if self.count else 0.0
-        substeps = max(1, math.ceil(fastest * dt / self.smallest - 1e-9))
-        h = dt / substeps
-        command, buffer, space = self._command, self._buffer, self.space
-        space.collision_bias = 0.8 ** (1.0 / h)  # a fifth of an overlap goes in one; more throws crowds about
-        after = position
-        for _ in range(substeps):
-            command[:-1, 0:2] = after
-            command[:-1, 2:4] = 0.0
-            command[:-1, 4:6] = velocity / h  # force for unit mass; damping has removed the rest
-            buffer.set_float_buf(command)
-            pymunk.batch.set_space_bodies(space, COMMAND, buffer)
-            space.step(h)
-            buffer.clear()
-            pymunk.batch.get_space_bodies(space, MOVE, buffer)
-            moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)[:-1]
-            after = moved[:, 0:2] + moved[:, 2:4] * h
+        if not self.touches:
+            return self.plane.home(position + velocity * dt), 0
+        alive = self._alive if alive is None else alive
+        if len(self.told) == REBUILD:
+            self._build(position, alive)
+        self.told.append((position, velocity, alive))
+        after = self._solve(position, velocity, alive, dt)
+        if self.plane.torus:
+            return self.plane.home(after), 0
         outside = ~inside_polygon(self.vertices, after)
         count = int(np.count_nonzero(outside))
         if count:
             after[outside] = position[outside]
         return after, count
+
+    def _solve(self, position: Floats, velocity: Floats, alive: Bools, dt: float) -> Floats:
+        changed = np.flatnonzero(alive != self._alive)
+        if changed.size:
+            self._touch(changed, alive[changed])
+            self._alive = alive.copy()
+        fastest = math.sqrt(float(np.max(np.einsum("ij,ij->i", velocity, velocity)))) if self.count else 0.0
+        substeps = max(1, math.ceil(fastest * dt / self.smallest - 1e-9))
+        h = dt / substeps
+        command, buffer, space, n = self._command, self._buffer, self.space, self.count
+        space.collision_bias = 0.8 ** (1.0 / h)  # a fifth of an overlap goes in one; more throws crowds about
+        after = position
+        for _ in range(substeps):
+            command[:n, 0:2] = after
+            command[:n, 2:4] = 0.0
+            command[:n, 4:6] = velocity / h  # force for unit mass; damping has removed the rest
+            buffer.set_float_buf(command)
+            pymunk.batch.set_space_bodies(space, COMMAND, buffer)
+            space.step(h)
+            buffer.clear()
+            pymunk.batch.get_space_bodies(space, MOVE, buffer)
+            moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)[:n]
+            after = moved[:, 0:2] + moved[:, 2:4] * h
+        return after
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """Return what the solver was told since it was built: K ticks of position, velocity and alive."""
+        n, told = self.count, self.told
+        return {
+            "told_position": np.array([p for p, _, _ in told]).reshape(-1, n, 2),
+            "told_velocity": np.array([v for _, v, _ in told]).reshape(-1, n, 2),
+            "told_alive": np.array([a for _, _, a in told], bool).reshape(-1, n),
+        }
+
+    def remember(self, memory: Mapping[str, np.ndarray], dt: float) -> None:
+        """Go through what `memory` returned again, so that the solver's contacts are what they were."""
+        ticks = list(zip(*(memory[f"told_{word}"] for word in ("position", "velocity", "alive")), strict=True))
+        if ticks and self.touches:
+            self._build(ticks[0][0], ticks[0][2])
+            for position, velocity, alive in ticks:
+                self.told.append((position, velocity, alive))
+                self._solve(position, velocity, alive, dt)
 
 
 def inside_polygon(vertices: Floats, points: Floats) -> Bools:

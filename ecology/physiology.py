@@ -33,6 +33,7 @@ class Body:
     lethal: Bools  # (n, V)
     regulated: Floats  # (n, V) 1 where the deviation counts in the drive
     epsilon: Floats  # (n,) of the drive
+    exponent: Floats  # (n,) of the drive
     varies: bool  # whether any season or ageing is at work
     leaks: bool  # whether any rate is proportional to x
     noisy: bool
@@ -44,7 +45,7 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
 
     def rows(read, padding: float = 0.0) -> np.ndarray:
         table = [[read(need) for need in s.needs] + [padding] * (width - len(s.needs)) for s in species]
-        return np.repeat(np.array(table, dtype=float), [s.count for s in species], axis=0)
+        return np.repeat(np.array(table, dtype=float), [s.slots for s in species], axis=0)
 
     def season(name: str):
         return lambda need: getattr(need.season, name) if need.season else 0.0
@@ -68,7 +69,8 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
         high=rows(lambda need: need.bounds[1]),
         lethal=lethal,
         regulated=rows(lambda need: need.regulated),
-        epsilon=np.repeat([s.drive_epsilon for s in species], [s.count for s in species]),
+        epsilon=np.repeat([s.drive_epsilon for s in species], [s.slots for s in species]),
+        exponent=np.repeat([s.drive_exponent for s in species], [s.slots for s in species]),
         varies=bool(frequency.any() or ageing.any()),
         leaks=bool(leak.any() or proportional.any()),
         noisy=bool(noise.any()),
@@ -76,9 +78,10 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
     )
 
 
-def drive(delta: Floats, epsilon: Floats | float) -> Floats:
-    """Return d(delta) = sqrt(epsilon + delta . delta), (...) for delta (..., V)."""
-    return np.sqrt(epsilon + np.einsum("...v,...v->...", delta, delta))
+def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0) -> Floats:
+    """Return d(delta) = (epsilon + delta . delta) ^ (exponent / 2), (...) for delta (..., V)."""
+    root = np.sqrt(epsilon + np.einsum("...v,...v->...", delta, delta))
+    return root if np.all(exponent == 1.0) else root**exponent
 
 
 def deviation(body: Body, internal: Floats) -> Floats:
@@ -126,14 +129,15 @@ def clamp(body: Body, internal: Floats) -> Floats:
     return np.minimum(np.maximum(internal, body.low), body.high)
 
 
-def spent(internal: Floats, ingested: Floats, after: Floats, kept: Floats, alive: Bools) -> tuple[Floats, Floats]:
+def spent(internal: Floats, taken: Floats, after: Floats, kept: Floats, alive: Bools) -> tuple[Floats, Floats]:
     """Return what the bodies alive (n,) at the start of a tick metabolised and what they lost, both (n, V).
 
-    x goes from `internal` to `after` by f and g, in which `ingested` was eaten, and is `kept` after
-    clamping; a body that dies keeps what it was. kept = internal + ingested - metabolised - lost.
+    x goes from `internal` to `after` by f and g, in which `taken` came in from outside (eaten, received,
+    less what was given), and is `kept` after clamping; a body that dies keeps what it was.
+    kept = internal + taken - metabolised - lost.
     """
     living = alive[:, None]
-    return (internal + ingested - after) * living, (after - kept) * living
+    return (internal + taken - after) * living, (after - kept) * living
 
 
 def fatal(body: Body, internal: Floats) -> Bools:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ecology.life import scatter
 from ecology.physics import inside_polygon
+from ecology.plane import plane_of
 from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource
 from ecology.state import Bools, Floats, Ints
 
@@ -22,14 +23,16 @@ MIRRORS = 8  # reflections in one tick, after which a drifting resource stays wh
 
 @dataclass(frozen=True)
 class ResourceTable:
-    """The constants of the resources, R rows; a row whose resource lacks a word is 0 or False there."""
+    """The constants of the resources, a row for each of R patches; 0 or False where a word is lacking."""
 
+    kind: Ints  # (R,) resource, as the scenario lists them
     position: Floats  # (R, 2) at the start, NaN: scattered
     radius: Floats  # (R,)
     stock: Floats  # (R,) at the start
     capacity: Floats  # (R,)
     linear: Floats  # (R,) rate of growth, units per unit of time
     logistic: Floats  # (R,) rate of growth, per unit of time
+    exponential: Floats  # (R,) rate of growth, per unit of time
     amplitude: Floats  # (R,) of the season of growth
     frequency: Floats  # (R,) of the season, radians per unit of time
     phase: Floats  # (R,) of the season, radians
@@ -47,7 +50,9 @@ class ResourceTable:
 
 
 def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
-    """Return the constants of `resources`, in their order."""
+    """Return the constants of the patches of `resources`, in their order."""
+    kind = np.repeat(np.arange(len(resources)), [r.count for r in resources])
+    resources = [r for r in resources for _ in range(r.count)]
 
     def growth(kind: str) -> Floats:
         return np.array([r.growth.rate if r.growth and r.growth.kind == kind else 0.0 for r in resources], float)
@@ -62,12 +67,14 @@ def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
     availability = np.array([r.availability for r in resources], float)
     finite, uncertain = bool(np.isfinite(stock).any()), bool((availability < 1).any())
     return ResourceTable(
+        kind=kind,
         position=np.array([r.position or (np.nan, np.nan) for r in resources], float).reshape(-1, 2),
         radius=np.array([r.radius for r in resources], float),
         stock=stock,
         capacity=np.array([r.most for r in resources], float),
         linear=growth("linear"),
         logistic=growth("logistic"),
+        exponential=growth("exponential"),
         amplitude=season(lambda s: s.amplitude),
         frequency=season(lambda s: 2 * np.pi / s.period),
         phase=season(lambda s: s.phase),
@@ -123,7 +130,7 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
     """Return the stock after a tick in which `eaten` was eaten, and what has grown, both (R,).
 
     Growth is the exact solution over dt from the stock at the start of the tick, and stops at the
-    capacity; a logistic stock that is eaten up stays empty. An unlimited stock stays unlimited: as
+    capacity; a stock that is eaten up stays empty but in the linear kind. An unlimited stock stays unlimited: as
     much grows as is eaten.
     """
     span = season_time(table, time, dt)
@@ -133,6 +140,9 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
         s, k = stock[logistic], table.capacity[logistic]
         rate = table.logistic[logistic] * span[logistic]
         grown[logistic] = s * (k - s) * -np.expm1(-rate) / (s + (k - s) * np.exp(-rate))
+    exponential = np.flatnonzero((table.exponential > 0) & (stock > eaten))
+    if exponential.size:
+        grown[exponential] = stock[exponential] * np.expm1(table.exponential[exponential] * span[exponential])
     finite = np.isfinite(stock)
     left = np.where(finite, stock - eaten, 0.0)  # not negative: a share is at most the stock
     grown = np.where(finite, np.minimum(grown, table.capacity - left), eaten)
@@ -184,12 +194,16 @@ def swing(table: ResourceTable, places: Floats, time: float) -> Floats:
     return places
 
 
-def drift(table: ResourceTable, vertices: Floats, places: Floats, dt: float, rng: np.random.Generator) -> Floats:
+def drift(table: ResourceTable, arena: Arena, places: Floats, dt: float, rng: np.random.Generator) -> Floats:
     """Return the places (R, 2) after the drifting resources have moved for dt."""
     if not table.drifts.size:
         return places
     steps = table.spread[:, None] * (math.sqrt(dt) * rng.standard_normal((len(table.drifts), 2)))
     places = places.copy()
+    if not arena.walls:
+        places[table.drifts] = plane_of(arena).home(places[table.drifts] + steps)
+        return places
+    vertices = np.array(arena.vertices, dtype=float)
     for i, step in zip(table.drifts, steps, strict=True):
         places[i] = reflect(vertices, places[i], step)
     return places

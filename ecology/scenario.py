@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ecology.errors import EcologyError, nearest
+from ecology.meetings import Rule
 from ecology.senses import SENSES, layout
 from ecology.spec import Action, Arena, Oscillation, Relocation, Resource, Species, require
 
@@ -24,6 +25,7 @@ class Scenario:
     dt: float = 1.0  # length of a tick, in units of time
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
+    rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
 
     def __post_init__(self) -> None:
@@ -46,9 +48,13 @@ class Scenario:
             require(not twice, f"{owner}: every {what} needs a name of its own, {twice} appear twice.")
         self._check_places()
         require(
-            sum(species.count for species in self.species) > 0,
-            f"{owner}: at least one agent; every species has the count 0.",
+            sum(species.count for species in self.species) > 0 or any(s.arrival for s in self.species),
+            f"{owner}: at least one agent; every species has the count 0 and no arrivals.",
         )
+        require(self.rule is None or callable(self.rule), f"{owner}: rule must be a function, got {self.rule!r}.")
+        for species in self.species:
+            self._check_needs_named(species)
+            self._check_others(species)
         for species in self.species:
             self._check_species(species)
 
@@ -74,7 +80,7 @@ class Scenario:
                 "room in it; give a smaller radius.",
             )
         for species in self.species:
-            room = polygon.buffer(-species.radius)
+            room = polygon.buffer(-species.radius) if self.arena.walls else polygon
             require(
                 not room.is_empty,
                 f"species {species.name!r}: a body of radius {species.radius!r} finds no room in the arena.",
@@ -88,7 +94,6 @@ class Scenario:
 
     def _check_species(self, species: Species) -> None:
         owner = f"species {species.name!r}"
-        needs = [need.name for need in species.needs]
         resources = [resource.name for resource in self.resources]
         unlimited = [resource.name for resource in self.resources if math.isinf(resource.stock)]
         for action in species.actions:
@@ -98,13 +103,6 @@ class Scenario:
                 f"{self.dt!r}, and a tick moves a body by at most {FARTHEST} radii ({FARTHEST * species.radius:g}); "
                 "lower the speed or dt, or widen the body.",
             )
-            for word in ("control", "opens_from", "closes_at"):
-                for name in getattr(action, word):
-                    require(
-                        name in needs,
-                        f"{owner}: action {action.name!r} names the need {name!r} in {word}, which the "
-                        f"species does not have. {nearest(name, needs)}",
-                    )
             require(
                 action.resource is None or action.resource in resources,
                 f"{owner}: action {action.name!r} names the resource {action.resource!r}. "
@@ -116,12 +114,12 @@ class Scenario:
                 "because it raises no need that can lie below its set point; give such an intake, or leave the "
                 "stock unlimited.",
             )
-        for name in species.collapse:
-            require(name in needs, f"{owner}: collapse names the need {name!r}. {nearest(name, needs)}")
         for sense in species.senses:
             if sense not in SENSES:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
-        components = layout(species, self.arena).names
+        for name in species.sees:
+            require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
+        components = layout(species, self.arena, self.resources, self.species).names
         twice = sorted({name for name in components if components.count(name) > 1})
         require(
             not twice,
@@ -132,6 +130,70 @@ class Scenario:
             "clock" not in species.senses or self.day is not None,
             f"{owner}: the sense 'clock' needs the scenario's day, the length of its period.",
         )
+
+    def _check_needs_named(self, species: Species) -> None:
+        """Check every mention of a need: that the species meant has it."""
+        owner, by_name = f"species {species.name!r}", {s.name: s for s in self.species}
+        mentions: list[tuple[str, Iterable[str], Species]] = [
+            ("collapse", species.collapse, species),
+            ("opens", species.opens, species),
+        ]
+        if species.crowding is not None:
+            mentions.append(("crowding", species.crowding.control, species))
+        if species.birth is not None:
+            mentions += [("birth's threshold", species.birth.threshold, species)]
+            mentions += [("birth's cost", species.birth.cost, species)]
+        for action in species.actions:
+            mentions += [
+                (f"{word} of action {action.name!r}", getattr(action, word), species)
+                for word in ("control", "opens_from", "closes_at", "gain", "gives")
+            ]
+            if action.species in by_name:
+                whom = by_name[action.species]
+                mentions += [
+                    (f"{word} of action {action.name!r}", getattr(action, word) or (), whom)
+                    for word in ("damage", "gives")
+                ]
+        for word, names, meant in mentions:
+            needs = [need.name for need in meant.needs]
+            for name in names:
+                require(
+                    name in needs,
+                    f"{owner}: {word} names the need {name!r}, which the species {meant.name!r} does not have. "
+                    f"{nearest(name, needs)}",
+                )
+
+    def _check_others(self, species: Species) -> None:
+        """Check what a species says of others, of its births and of its empathy."""
+        owner, names = f"species {species.name!r}", [s.name for s in self.species]
+        empathy, birth = species.empathy, species.birth
+        mentions = [(f"action {a.name!r}", a.species) for a in species.actions if a.species is not None]
+        mentions += [("neighbours", name) for sensed in species.neighbours for name in sensed.species]
+        mentions += [("empathy", name) for name in (empathy.species if empathy is not None else ())]
+        for word, name in mentions:
+            require(name in names, f"{owner}: {word} names the species {name!r}. {nearest(str(name), names)}")
+        if birth is not None:
+            low = {need.name: need.low for need in species.needs}
+            for name, cost in birth.cost.items():
+                left = birth.threshold.get(name, -math.inf) - cost
+                require(
+                    left >= low[name],
+                    f"{owner}: a birth costs {cost!r} of {name!r}, and its threshold would leave {left!r}, below the "
+                    f"lower bound {low[name]!r}; raise the threshold or lower the cost.",
+                )
+        if empathy is not None:
+            shapes = {len(row) for row in empathy.matrix} if empathy.matrix is not None else {species.slots}
+            rows = species.slots if empathy.matrix is None else len(empathy.matrix)
+            require(
+                rows == species.slots and shapes == {species.slots},
+                f"{owner}: the matrix of its empathy must be {species.slots} by {species.slots}, a row and a column "
+                f"per slot, got {rows} rows of {sorted(shapes)}.",
+            )
+            felt = sum(s.slots for s in self.species if s.name in (empathy.species or (species.name,)))
+            require(
+                empathy.lesion != "shuffled" or felt >= 3,
+                f"{owner}: shuffled partners need at least 3 to shuffle, got {felt}; use the lesion 'off' or 'sham'.",
+            )
 
     @staticmethod
     def _feeds(species: Species, action: Action) -> bool:

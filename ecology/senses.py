@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ecology.spec import Arena, Resource, Species
-from ecology.state import Bools, Floats
+from ecology.empathy import own_weights
+from ecology.neighbours import Pairs, nearest
+from ecology.physiology import Body
+from ecology.plane import Plane, plane_of
+from ecology.resources import ResourceTable
+from ecology.spec import Arena, Neighbours, Resource, Species
+from ecology.state import Bools, Floats, Ints, State
 
 SENSES: Mapping[str, int] = {"position": 2, "heading": 1, "clock": 2}  # components in zeta
 
@@ -19,12 +24,15 @@ class Layout:
     """What the components of zeta are: the agent's knowledge of its own senses, D components."""
 
     names: tuple[str, ...]  # D
-    kinds: tuple[str, ...]  # D: "deviation", "position", "angle" or "plain"
+    kinds: tuple[str, ...]  # D: "deviation", "felt", "position", "angle" or "plain"
     scale: Floats  # (D,) size of an ordinary value
     low: Floats  # (D,)
     high: Floats  # (D,)
     regulated: Bools  # (D,) components that count in the drive
     epsilon: float  # of the drive
+    exponent: float  # of the drive
+    own: Floats  # (D,) w_ii of the average form of empathy, 1 without
+    felt_to: Ints  # (D,) deviation that a felt component adds to; -1: it adds to the drive (sum form), or is none
 
     @property
     def needs(self) -> int:
@@ -32,74 +40,216 @@ class Layout:
         return self.kinds.count("deviation")
 
 
-def layout(species: Species, arena: Arena) -> Layout:
-    """Return the layout of zeta = [delta, e] for `species`."""
-    corners = np.array(arena.vertices)
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    rows: list[tuple[str, str, float, float, float, bool]] = [
-        (
-            need.name,
-            "deviation",
-            need.scale,
-            need.low - need.set_point,
-            need.bounds[1] - need.set_point,
-            need.regulated,
-        )
-        for need in species.needs
+def layout(species: Species, arena: Arena, resources: Sequence[Resource], everyone: Sequence[Species]) -> Layout:
+    """Return the layout of zeta = [delta, what is felt of others, e] for `species` among `everyone`."""
+    (left, bottom), (right, top) = arena.extent
+    # name, kind, scale, low, high
+    rows: list[tuple[str, str, float, float, float]] = [
+        (n.name, "deviation", n.scale, n.low - n.set_point, n.bounds[1] - n.set_point) for n in species.needs
     ]
+    own = own_weights(species, everyone)
+    felt_to = [-1] * len(rows)
+    empathy = species.empathy
+    if empathy is not None and empathy.perceived:
+        if empathy.form == "sum":
+            size = math.sqrt(sum(n.scale**2 for n in species.needs if n.regulated))
+            rows.append(("felt", "felt", max(abs(empathy.weight) * size, 1e-6), -math.inf, math.inf))
+            felt_to.append(-1)
+        for v, n in enumerate(species.needs):
+            if own[n.name] != 1.0:
+                rows.append((f"felt_{n.name}", "felt", abs(1.0 - own[n.name]) * n.scale, -math.inf, math.inf))
+                felt_to.append(v)
     for sense in species.senses:
         if sense == "position":
             rows += [
-                (
-                    axis,
-                    "position",
-                    max(float(high[i] - low[i]) / 2, 1e-6),
-                    float(low[i]),
-                    float(high[i]),
-                    False,
-                )
-                for i, axis in enumerate("xy")
+                ("x", "position", max((right - left) / 2, 1e-6), left, right),
+                ("y", "position", max((top - bottom) / 2, 1e-6), bottom, top),
             ]
         elif sense == "heading":
-            rows.append(("heading", "angle", math.pi, -math.pi, math.pi, False))
+            rows.append(("heading", "angle", math.pi, -math.pi, math.pi))
         elif sense == "clock":
-            rows += [(f"clock_{part}", "plain", 1.0, -1.0, 1.0, False) for part in ("cos", "sin")]
-    names, kinds, scale, bottom, top, regulated = zip(*rows, strict=True)
+            rows += [(f"clock_{part}", "plain", 1.0, -1.0, 1.0) for part in ("cos", "sin")]
+    far = farthest(species, plane_of(arena))
+    for name in species.sees:
+        rows += _place_rows(name, far)
+        if any(r.name == name and math.isfinite(r.most) for r in resources):
+            rows.append((f"{name}_fullness", "plain", 0.5, 0.0, 1.0))
+    for sensed in species.neighbours:
+        kinds = _sensed(sensed, everyone)
+        label = "_".join(sensed.species) or "other"
+        for i in range(sensed.count):
+            one = f"{label}_{i + 1}"
+            rows += _place_rows(one, far)
+            if sensed.heading:
+                rows.append((f"{one}_heading", "angle", math.pi, -math.pi, math.pi))
+            if len(kinds) > 1:
+                rows += [(f"{one}_is_{kind.name}", "plain", 0.5, 0.0, 1.0) for kind in kinds]
+            for name in _opened(kinds):
+                needs = [n for kind in kinds for n in kind.needs if n.name == name and name in kind.opens]
+                low, high = min(n.low - n.set_point for n in needs), max(n.bounds[1] - n.set_point for n in needs)
+                rows.append((f"{one}_{name}", "plain", max(n.scale for n in needs), min(low, 0.0), max(high, 0.0)))
+    names, kinds_, scale, low_, high_ = zip(*rows, strict=True)
+    here = len(species.needs)
     return Layout(
         names=names,
-        kinds=kinds,
+        kinds=kinds_,
         scale=np.array(scale),
-        low=np.array(bottom),
-        high=np.array(top),
-        regulated=np.array(regulated),
+        low=np.array(low_),
+        high=np.array(high_),
+        regulated=np.array([n.regulated for n in species.needs] + [False] * (len(rows) - here)),
         epsilon=species.drive_epsilon,
+        exponent=species.drive_exponent,
+        own=np.array([own[n.name] for n in species.needs] + [1.0] * (len(rows) - here)),
+        felt_to=np.array(felt_to + [-1] * (len(rows) - len(felt_to))),
     )
 
 
-def observe(
-    species: Species,
-    set_point: Floats,
-    internal: Floats,
-    position: Floats,
-    heading: Floats,
-    time: float,
-    day: float | None,
-) -> np.ndarray:
-    """Return zeta = [delta, e] of the n slots of one species, float32 (n, D)."""
-    width = len(species.needs)
-    zeta = np.empty((len(internal), width + sum(SENSES[s] for s in species.senses)), np.float32)
-    zeta[:, :width] = internal[:, :width] - set_point[:, :width]
+def _place_rows(name: str, far: float) -> list[tuple[str, str, float, float, float]]:
+    return [(f"{name}_distance", "plain", far / 2, 0.0, far), (f"{name}_bearing", "angle", math.pi, -math.pi, math.pi)]
+
+
+def farthest(species: Species, plane: Plane) -> float:
+    """Return the farthest that anything is seen by `species`, length."""
+    return min(species.view_range, plane.diagonal)
+
+
+def _sensed(sensed: Neighbours, everyone: Sequence[Species]) -> list[Species]:
+    return [s for s in everyone if not sensed.species or s.name in sensed.species]
+
+
+def _opened(kinds: Sequence[Species]) -> list[str]:
+    return list(dict.fromkeys(name for kind in kinds for name in kind.opens))
+
+
+@dataclass(frozen=True)
+class Gaze:
+    """The constants of what one species perceives."""
+
+    species: Species
+    rows: slice
+    layout: Layout
+    far: float
+    sees: Ints  # (Q,) resource indices
+    full: Bools  # (Q,) whether its fullness is perceived
+    neighbours: tuple[tuple[Neighbours, Ints, Ints], ...]  # with species sensed (S,), columns opened (S, W), -1 without
+
+
+def compile_gaze(
+    species: Species, rows: slice, arena: Arena, resources: Sequence[Resource], everyone: Sequence[Species]
+) -> Gaze:
+    """Return the constants of what the slots `rows` of `species` perceive."""
+    names = [r.name for r in resources]
+    sees = np.array([names.index(name) for name in species.sees], np.int64)
+    found = []
+    for sensed in species.neighbours:
+        kinds = _sensed(sensed, everyone)
+        columns = [
+            [[n.name for n in s.needs].index(name) if name in s.opens else -1 for name in _opened(kinds)] for s in kinds
+        ]
+        index = np.array([everyone.index(s) for s in kinds], np.int64)
+        found.append((sensed, index, np.array(columns, np.int64).reshape(len(kinds), -1)))
+    return Gaze(
+        species=species,
+        rows=rows,
+        layout=layout(species, arena, resources, everyone),
+        far=farthest(species, plane_of(arena)),
+        sees=sees,
+        full=np.array([math.isfinite(resources[i].most) for i in sees], bool),
+        neighbours=tuple(found),
+    )
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What of the state's neighbourhood is perceived in a tick."""
+
+    table: ResourceTable
+    plane: Plane
+    body: Body
+    species_of: Ints  # (N,)
+    nearest_patch: Ints  # (N, K) nearest patch of each resource that is seen or stood in, -1 without
+    pairs: Pairs | None
+    seen: Bools | None  # (P,) pairs in the view field of who, with no wall between
+
+
+def observe(gaze: Gaze, state: State, around: Surroundings, day: float | None) -> np.ndarray:
+    """Return zeta = [delta, what is felt, e] of the n slots of one species, float32 (n, D)."""
+    species, rows = gaze.species, gaze.rows
+    n, width = rows.stop - rows.start, len(species.needs)
+    zeta = np.zeros((n, len(gaze.layout.names)), np.float32)
+    zeta[:, :width] = state.internal[rows, :width] - around.body.set_point[rows, :width]
     column = width
+    for to in gaze.layout.felt_to[[kind == "felt" for kind in gaze.layout.kinds]]:
+        zeta[:, column] = state.felt[rows, max(to, 0)]
+        column += 1
+    heading = state.heading[rows]
     for sense in species.senses:
         if sense == "position":
-            zeta[:, column : column + 2] = position
+            zeta[:, column : column + 2] = state.position[rows]
         elif sense == "heading":
             zeta[:, column] = heading
         elif sense == "clock":
-            angle = 2 * math.pi * time / (day or 1.0)
+            angle = 2 * math.pi * state.time / (day or 1.0)
             zeta[:, column : column + 2] = (math.cos(angle), math.sin(angle))
         column += SENSES[sense]
+    for kind, full in zip(gaze.sees, gaze.full, strict=True):
+        patch = around.nearest_patch[rows, kind]
+        who = np.flatnonzero(patch >= 0)
+        gap = around.plane.gap(state.position[rows][who], state.resource_position[patch[who]])
+        zeta[:, column] = gaze.far
+        zeta[who, column] = np.minimum(np.hypot(gap[:, 0], gap[:, 1]), gaze.far)
+        zeta[who, column + 1] = wrap(np.arctan2(gap[:, 1], gap[:, 0]) - heading[who])
+        if full:
+            zeta[who, column + 2] = state.stock[patch[who]] / around.table.capacity[patch[who]]
+        column += 2 + full
+    for sensed, kinds, columns in gaze.neighbours:
+        column = _observe_others(zeta, column, gaze, state, around, sensed, kinds, columns)
     return zeta
+
+
+def _observe_others(
+    zeta: np.ndarray,
+    column: int,
+    gaze: Gaze,
+    state: State,
+    around: Surroundings,
+    sensed: Neighbours,
+    kinds: Ints,
+    columns: Ints,
+) -> int:
+    """Write what is sensed of others into zeta (n, D) from `column` on, and return the column after it."""
+    pairs, seen = around.pairs, around.seen
+    assert pairs is not None
+    assert seen is not None
+    first, n = gaze.rows.start, len(zeta)
+    kept = seen & (pairs.who >= first) & (pairs.who < first + n)
+    index = np.full(1 + int(around.species_of.max()), -1)
+    index[kinds] = np.arange(len(kinds))
+    kept &= index[around.species_of[pairs.other]] >= 0
+    found = nearest(pairs, kept, first, n, sensed.count)  # (n, k)
+    each = 2 + sensed.heading + (len(kinds) if len(kinds) > 1 else 0) + columns.shape[1]
+    block = zeta[:, column : column + each * sensed.count].reshape(n, sensed.count, each)
+    block[..., 0] = gaze.far
+    row, place = np.nonzero(found >= 0)
+    if row.size:
+        at = found[row, place]
+        who, other = pairs.who[at], pairs.other[at]
+        block[row, place, 0] = pairs.distance[at]
+        block[row, place, 1] = wrap(np.arctan2(pairs.gap[at, 1], pairs.gap[at, 0]) - state.heading[who])
+        c = 2
+        if sensed.heading:
+            block[row, place, c] = wrap(state.heading[other] - state.heading[who])
+            c += 1
+        kind = index[around.species_of[other]]
+        if len(kinds) > 1:
+            block[row, place, c + kind] = 1.0
+            c += len(kinds)
+        for w in range(columns.shape[1]):
+            need = columns[kind, w]
+            delta = state.internal[other, need] - around.body.set_point[other, need]
+            block[row, place, c + w] = np.where(need >= 0, delta, 0.0)
+    zeta[:, column : column + each * sensed.count] = block.reshape(n, -1)
+    return column + each * sensed.count
 
 
 @dataclass(frozen=True)
@@ -108,28 +258,33 @@ class Eyes:
 
     half_angle: Floats  # (n,)
     range: Floats  # (n,)
-    sees: Bools  # (n,) slots that use sight at all
+    sees: Bools  # (n,) slots that look for resources
+    open: bool  # whether no wall can come between two points of the arena
     wall_from: Floats  # (W, 2)
     wall_along: Floats  # (W, 2) from the first to the second end
-    reach: Floats  # (R,) radius of the circle
+    reach: Floats  # (R,) radius of the patch's circle
 
     @property
     def used(self) -> bool:
-        """Return whether any slot uses sight."""
+        """Return whether any slot looks for resources."""
         return bool(self.sees.any())
 
 
 def compile_eyes(species: tuple[Species, ...], arena: Arena, resources: tuple[Resource, ...]) -> Eyes:
     """Return the constants of sight for the slots of `species`, in their order."""
-    counts = [s.count for s in species]
+    import shapely  # slow to load, needed once per world
+
+    counts = [s.slots for s in species]
+    polygon = shapely.Polygon(arena.vertices)
     vertices = np.array(arena.vertices, dtype=float)
     return Eyes(
         half_angle=np.repeat([s.view_angle / 2 for s in species], counts),
         range=np.repeat([s.view_range for s in species], counts),
-        sees=np.repeat([any(a.kind == "go_to" for a in s.actions) for s in species], counts),
+        sees=np.repeat([bool(s.sees) or any(a.kind == "go_to" for a in s.actions) for s in species], counts),
+        open=not arena.walls or bool(polygon.convex_hull.area - polygon.area <= 1e-12 * polygon.area),
         wall_from=vertices,
         wall_along=np.roll(vertices, -1, axis=0) - vertices,
-        reach=np.array([r.radius for r in resources]),
+        reach=np.array([r.radius for r in resources for _ in range(r.count)]),
     )
 
 
@@ -140,6 +295,8 @@ def wrap(angle: Floats) -> Floats:
 
 def clear(eyes: Eyes, start: Floats, end: Floats) -> Bools:
     """Return whether the straight segment from start to end (m, 2) crosses no wall, (m,)."""
+    if eyes.open:
+        return np.ones(len(start), bool)
     along = (end - start)[:, None, :]  # (m, 1, 2)
     offset = eyes.wall_from - start[:, None, :]  # (m, W, 2)
     wall = eyes.wall_along
@@ -154,13 +311,13 @@ def clear(eyes: Eyes, start: Floats, end: Floats) -> Bools:
 
 
 def reach_and_sight(
-    eyes: Eyes, position: Floats, heading: Floats, alive: Bools, resources: Floats
-) -> tuple[Bools, Bools]:
-    """Return who is inside which resource's circle, and who sees which resource, both (n, R).
+    eyes: Eyes, plane: Plane, position: Floats, heading: Floats, alive: Bools, patches: Floats
+) -> tuple[Bools, Bools, Floats]:
+    """Return who is inside which patch's circle, who sees which patch, and how far it is, all (n, R).
 
-    A resource is seen within the angle and the range of the view field, with no wall between.
+    A patch is seen within the angle and the range of the view field, with no wall between.
     """
-    gap = resources[None, :, :] - position[:, None, :]  # (n, R, 2)
+    gap = plane.gap(position[:, None, :], patches[None, :, :])  # (n, R, 2)
     distance = np.sqrt(gap[..., 0] ** 2 + gap[..., 1] ** 2)
     inside = (distance <= eyes.reach) & alive[:, None]
     seen = np.zeros_like(inside)
@@ -168,10 +325,45 @@ def reach_and_sight(
         near = (distance <= eyes.range[:, None]) & (alive & eyes.sees)[:, None]
         who, what = np.nonzero(near)
         if who.size:
-            bearing = np.arctan2(gap[who, what, 1], gap[who, what, 0])
-            field = np.abs(wrap(bearing - heading[who])) <= eyes.half_angle[who] + 1e-12
-            who, what = who[field], what[field]
+            kept = in_field(eyes, gap[who, what], heading[who], who)
+            who, what = who[kept], what[kept]
             if who.size:
-                open_line = clear(eyes, position[who], resources[what])
+                open_line = clear(eyes, position[who], patches[what])
                 seen[who[open_line], what[open_line]] = True
-    return inside, seen
+    return inside, seen, distance
+
+
+def in_field(eyes: Eyes, gap: Floats, heading: Floats, who: Ints) -> Bools:
+    """Return whether what lies at `gap` (m, 2) from the slots `who` (m,) is within the angle of their view field."""
+    bearing = np.arctan2(gap[:, 1], gap[:, 0])
+    return np.abs(wrap(bearing - heading)) <= eyes.half_angle[who] + 1e-12
+
+
+def nearest_of_kind(kind: Ints, kinds: int, distance: Floats, kept: Bools) -> Ints:
+    """Return the nearest patch of every resource among those `kept` (n, R), -1 without, (n, K).
+
+    `kind` (R,) is the resource of each patch; patches are ordered by it.
+    """
+    if len(kind) == kinds:
+        return np.where(kept, np.arange(kinds), -1)
+    found = np.full((len(kept), kinds), -1)
+    far = np.where(kept, distance, np.inf)
+    rows = np.arange(len(kept))
+    for k in range(kinds):
+        start, stop = np.searchsorted(kind, (k, k + 1))
+        best = start + far[:, start:stop].argmin(axis=1)
+        found[:, k] = np.where(np.isfinite(far[rows, best]), best, -1)
+    return found
+
+
+def sight(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
+    """Return which pairs (P,) are seen by `who`: within its view field, no wall between; `looks` (N,) are who look."""
+    seen = looks[pairs.who] & (pairs.distance <= eyes.range[pairs.who])
+    at = np.flatnonzero(seen)
+    if at.size:
+        who = pairs.who[at]
+        kept = in_field(eyes, pairs.gap[at], heading[who], who)
+        seen[at[~kept]] = False
+        at = at[kept]
+        seen[at] = clear(eyes, position[pairs.who[at]], position[pairs.other[at]])
+    return seen

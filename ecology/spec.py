@@ -1,4 +1,4 @@
-"""The frozen words of a scenario: Need, Action, Species, Resource (Growth, motion), Arena.
+"""The frozen words of a scenario: Need, Action, Species (Birth, Hazard, Neighbours, Empathy), Resource, Arena.
 
 Everything a user writes is per unit of time (rates, speeds) and in units of the plane (lengths).
 Each word checks itself; `scenario.Scenario` checks that the words fit together.
@@ -13,7 +13,7 @@ from typing import Literal
 
 from ecology.errors import EcologyError
 
-Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to"]
+Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
 Commitment = Literal["free", "committed"]
 
 
@@ -21,6 +21,18 @@ def require(rule: bool, message: str) -> None:
     """Raise EcologyError(message) unless `rule` holds."""
     if not rule:
         raise EcologyError(message)
+
+
+def _words(owner: str, name: str) -> None:
+    require(bool(name) and name.isidentifier(), f"{owner}: a name is a Python word.")
+
+
+def _amounts(owner: str, word: str, amounts: Mapping[str, float], *, below: float = math.inf) -> None:
+    for name, value in amounts.items():
+        require(
+            isinstance(value, (int, float)) and 0 <= value < below,
+            f"{owner}: {word} of {name!r} must be a number of at least 0, got {value!r}.",
+        )
 
 
 def _finite(owner: str, **numbers: float) -> None:
@@ -69,7 +81,7 @@ class Need:
 
     def __post_init__(self) -> None:
         owner = f"need {self.name!r}"
-        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        _words(owner, self.name)
         _finite(
             owner,
             set_point=self.set_point,
@@ -117,7 +129,7 @@ class Need:
 class Action:
     """One action as data: its control u, its motion, and when it is open.
 
-    Write actions with `rest`, `move`, `turn`, `sleep`, `consume` and `go_to`.
+    Write actions with `rest`, `move`, `turn`, `sleep`, `consume`, `go_to`, `bite`, `give` and `act`.
     """
 
     name: str
@@ -127,13 +139,20 @@ class Action:
     turn: float = 0.0  # radians per unit of time, positive to the left
     direction: float | None = None  # absolute direction of a move, radians; None: the heading
     resource: str | None = None  # of consume and go_to
-    duration: float = 0.0  # minimal duration, during which no other action is open
+    species: str | None = None  # of bite and give: whom
+    reach: float = 0.0  # of bite and give: farthest distance between the centres, length
+    chance: float = 1.0  # of bite: probability of success per unit of time
+    gain: Mapping[str, float] = field(default_factory=dict)  # of bite: units that a success adds to one's needs
+    damage: Mapping[str, float] | None = None  # of bite: units that it takes from the bitten; None: it kills
+    gives: Mapping[str, float] = field(default_factory=dict)  # of give: units per unit of time, from need to same need
+    efficiency: float = 1.0  # of give: share of what is given that arrives
+    duration: float = 0.0  # minimal duration, during which no other action is open; of bite: handling time
     opens_from: Mapping[str, float] = field(default_factory=dict)  # open only while every need named is at least this
     closes_at: Mapping[str, float] = field(default_factory=dict)  # closed while any need named is at least this
 
     def __post_init__(self) -> None:
         owner = f"action {self.name!r}"
-        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        _words(owner, self.name)
         _finite(owner, speed=self.speed, turn=self.turn, duration=self.duration)
         require(self.speed >= 0, f"{owner}: speed must not be negative, got {self.speed!r}.")
         require(
@@ -150,6 +169,18 @@ class Action:
             (self.resource is not None) == (self.kind in ("consume", "go_to")),
             f"{owner}: consume and go_to name a resource, other actions do not.",
         )
+        meets = self.kind in ("bite", "give")
+        require((self.species is not None) == meets, f"{owner}: bite and give name a species, other actions do not.")
+        _finite(owner, reach=self.reach)
+        require(self.reach > 0 or not meets, f"{owner}: reach must be positive, got {self.reach!r}.")
+        for word, share in (("chance", self.chance), ("efficiency", self.efficiency)):
+            require(
+                isinstance(share, (int, float)) and 0 <= share <= 1,
+                f"{owner}: {word} must be a number from 0 to 1, got {share!r}.",
+            )
+        for word, amounts in (("gain", self.gain), ("damage", self.damage or {}), ("gives", self.gives)):
+            _amounts(owner, word, amounts)
+        require(bool(self.gives) or self.kind != "give", f"{owner}: name what is given, {{need: units per time}}.")
 
 
 def rest(name: str = "rest", **rest_of: object) -> Action:
@@ -198,19 +229,53 @@ def go_to(resource: str, speed: float, **rest_of: object) -> Action:
     )
 
 
+def bite(species: str, *, reach: float, **rest_of: object) -> Action:
+    """Return the attack on the nearest of `species` within `reach`, open while there is one in sight.
+
+    It succeeds with `chance` per unit of time, kills or does `damage`, adds `gain`, and is followed by
+    the handling time `duration`, in which no other action is open. Of several that succeed on one
+    victim in a tick, one drawn at random gets it.
+    """
+    return Action(name=f"bite_{species}", kind="bite", species=species, reach=reach, **rest_of)  # type: ignore[arg-type]
+
+
+def give(species: str, gives: Mapping[str, float], *, reach: float, **rest_of: object) -> Action:
+    """Return the gift to the nearest of `species` within `reach`: `gives` units per unit of time and need.
+
+    What is given leaves the giver, as far as it lies above its lower bound; `efficiency` of it arrives.
+    """
+    return Action(
+        name=f"give_{species}",
+        kind="give",
+        species=species,
+        gives=gives,
+        reach=reach,
+        **rest_of,  # type: ignore[arg-type]
+    )
+
+
+def act(name: str, **rest_of: object) -> Action:
+    """Return an action that does nothing but its control: the scenario's own rule gives it a meaning."""
+    return Action(name=name, kind="act", **rest_of)  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Growth:
     """How a stock S regrows, up to its capacity K; the season multiplies the rate.
 
-    linear: dS/dt = rate. logistic: dS/dt = rate S (1 - S / K), so that an empty stock stays empty.
+    linear: dS/dt = rate. logistic: dS/dt = rate S (1 - S / K). exponential: dS/dt = rate S, cut at K.
+    An empty stock stays empty, but in the linear kind.
     """
 
-    kind: Literal["linear", "logistic"] = "linear"
-    rate: float  # linear: units of the stock per unit of time; logistic: per unit of time
+    kind: Literal["linear", "logistic", "exponential"] = "linear"
+    rate: float  # linear: units of the stock per unit of time; otherwise per unit of time
     season: Season | None = None
 
     def __post_init__(self) -> None:
-        require(self.kind in ("linear", "logistic"), f"Growth: kind is 'linear' or 'logistic', got {self.kind!r}.")
+        require(
+            self.kind in ("linear", "logistic", "exponential"),
+            f"Growth: kind is 'linear', 'logistic' or 'exponential', got {self.kind!r}.",
+        )
         _finite("Growth", rate=self.rate)
         require(self.rate > 0, f"Growth: rate must be positive, got {self.rate!r}; leave growth out for none.")
         require(
@@ -254,13 +319,15 @@ Motion = Oscillation | Drift | Relocation
 
 @dataclass(frozen=True, kw_only=True)
 class Resource:
-    """A stock at a place: a circle in the plane within which it can be consumed.
+    """A stock at a place: a circle in the plane within which it can be consumed; or `count` of them.
 
     Without further words it is unlimited, fixed and always available. A stock is counted in units
-    of intake: what consuming adds to needs is what leaves the stock.
+    of intake: what consuming adds to needs is what leaves the stock. Of several patches, each has its
+    own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen.
     """
 
     name: str
+    count: int = 1  # patches
     position: tuple[float, float] | None = None  # at the start; anywhere in the arena when None
     radius: float = 0.3
     stock: float = math.inf  # at the start, units of intake
@@ -271,10 +338,19 @@ class Resource:
 
     def __post_init__(self) -> None:
         owner = f"resource {self.name!r}"
-        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        _words(owner, self.name)
         if self.position is not None:
             require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
             _finite(owner, x=self.position[0], y=self.position[1])
+        require(
+            isinstance(self.count, int) and self.count >= 1,
+            f"{owner}: count must be a whole number of at least 1, got {self.count!r}.",
+        )
+        require(
+            self.count == 1 or self.position is None,
+            f"{owner}: {self.count!r} patches at the one position {self.position!r}; leave the position out to "
+            "scatter them, or write a resource for each.",
+        )
         _finite(owner, radius=self.radius)
         require(self.radius > 0, f"{owner}: radius must be positive, got {self.radius!r}.")
         for word, amount in (("stock", self.stock), ("capacity", self.most)):
@@ -295,8 +371,8 @@ class Resource:
             require(self.most > 0, f"{owner}: growth needs room; give a capacity above the stock {self.stock!r}.")
             require(
                 self.growth.kind == "linear" or (math.isfinite(self.most) and self.stock > 0),
-                f"{owner}: logistic growth needs a finite capacity and a stock above 0 to start from, got the "
-                f"stock {self.stock!r} and the capacity {self.most!r}.",
+                f"{owner}: {self.growth.kind} growth needs a finite capacity and a stock above 0 to start from, got "
+                f"the stock {self.stock!r} and the capacity {self.most!r}.",
             )
         require(
             isinstance(self.availability, (int, float)) and 0 <= self.availability <= 1,
@@ -329,9 +405,14 @@ class Resource:
 
 @dataclass(frozen=True, kw_only=True)
 class Arena:
-    """A closed polygon without holes; its edges are the walls."""
+    """A closed polygon without holes; its edges are the walls.
+
+    A rectangle along the axes can do without `walls`: who leaves on one side comes in on the other (a
+    torus). Bodies do not touch across that seam.
+    """
 
     vertices: tuple[tuple[float, float], ...]
+    walls: bool = True
 
     def __post_init__(self) -> None:
         require(
@@ -353,6 +434,119 @@ class Arena:
             self.vertices[0] != self.vertices[-1],
             f"arena: the first vertex {self.vertices[0]!r} is repeated at the end; leave it out.",
         )
+        require(
+            self.walls or (len(self.vertices) == 4 and polygon.equals(polygon.envelope)),
+            "arena: only a rectangle along the axes can do without walls, got the vertices "
+            f"{self.vertices!r}; give such a rectangle, or walls=True.",
+        )
+
+    @property
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return the lowest x and y, and the highest."""
+        xs, ys = zip(*self.vertices, strict=True)
+        return (min(xs), min(ys)), (max(xs), max(ys))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Birth:
+    """Offspring of a parent that is fit: alive, mature, and every need in `threshold` at least there.
+
+    A fit parent bears at `rate`, into a free slot of its species, beside itself; without a free slot
+    it waits. The newborn's needs are at their start.
+    """
+
+    rate: float  # per unit of time and fit parent
+    threshold: Mapping[str, float] = field(default_factory=dict)  # need -> least x
+    cost: Mapping[str, float] = field(default_factory=dict)  # need -> units that the parent gives
+    maturity: float = 0.0  # age from which one is fit, time
+
+    def __post_init__(self) -> None:
+        _finite("Birth", rate=self.rate, maturity=self.maturity, **self.threshold)
+        require(self.rate > 0, f"Birth: rate must be positive, got {self.rate!r}; leave birth out for none.")
+        require(self.maturity >= 0, f"Birth: maturity must not be negative, got {self.maturity!r}.")
+        _amounts("Birth", "cost", self.cost)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hazard:
+    """Death by chance: rate exp(ageing * age) per unit of time (Gompertz); constant without ageing."""
+
+    rate: float  # at birth, per unit of time
+    ageing: float = 0.0  # per unit of age
+
+    def __post_init__(self) -> None:
+        _finite("Hazard", rate=self.rate, ageing=self.ageing)
+        require(self.rate >= 0, f"Hazard: rate must not be negative, got {self.rate!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crowding:
+    """What others within a distance do to a body: u per other and unit of time."""
+
+    within: float  # length, between the centres
+    control: Mapping[str, float]  # need -> change per other and unit of time
+
+    def __post_init__(self) -> None:
+        _finite("Crowding", within=self.within, **self.control)
+        require(self.within > 0, f"Crowding: within must be positive, got {self.within!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Neighbours:
+    """What is sensed of others: the `count` nearest in the view field, not hidden by a wall, nearest first.
+
+    Per neighbour: distance, bearing from one's own heading, its heading from one's own, which
+    species it is (where several are sensed) and the deviations that its species opens. Where nobody is,
+    the distance is the farthest and the rest is 0.
+    """
+
+    count: int = 1
+    species: tuple[str, ...] = ()  # all when empty
+    heading: bool = False  # whether its heading is sensed
+
+    def __post_init__(self) -> None:
+        require(
+            isinstance(self.count, int) and self.count >= 1,
+            f"Neighbours: count must be a whole number of at least 1, got {self.count!r}.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Empathy:
+    """Affective empathy: the state of others enters one's own drive. The coupling matrix w, row by row.
+
+    sum: drive_i = d(delta_i) + sum_j w_ij d(delta_j) (Man and Yoshida 2024).
+    average: drive_i = d(sum_j w_ij delta_j), where `weight` is what the others have together and
+    w_ii = 1 - weight (Laurencon et al. 2021, Discussion); who feels nobody has w_ii = 1.
+
+    j are the living of `species`, but oneself, that fulfil every condition given (kin: parent,
+    child or sibling). Cognitive empathy is another matter: `Neighbours` and `Species.opens`.
+    """
+
+    weight: float
+    form: Literal["sum", "average"] = "sum"
+    species: tuple[str, ...] = ()  # whom one feels; one's own species when empty
+    matrix: tuple[tuple[float, ...], ...] | None = None  # factor of the weight, slots of one's own species squared
+    needs: Mapping[str, float] = field(default_factory=dict)  # how much a need of others counts; 1 where not named
+    kin: bool = False
+    within: float = math.inf  # length
+    sight: bool = False  # only whom one sees
+    perceived: bool = True  # whether what is felt is a part of zeta; without it a drive is felt that zeta hides
+    lesion: Literal["none", "off", "sham", "shuffled"] = "none"
+    lesion_at: float = 0.0  # time from which the lesion is there
+
+    def __post_init__(self) -> None:
+        _finite("Empathy", weight=self.weight, lesion_at=self.lesion_at, **self.needs)
+        require(self.form in ("sum", "average"), f"Empathy: form is 'sum' or 'average', got {self.form!r}.")
+        require(
+            self.form == "sum" or 0 <= self.weight <= 1,
+            f"Empathy: in the average form, weight is a share from 0 to 1, got {self.weight!r}.",
+        )
+        require(self.within > 0, f"Empathy: within must be positive, got {self.within!r}.")
+        require(
+            self.lesion in ("none", "off", "sham", "shuffled"),
+            f"Empathy: lesion is 'none', 'off', 'sham' or 'shuffled', got {self.lesion!r}.",
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,27 +557,45 @@ class Species:
     needs: tuple[Need, ...]
     actions: tuple[Action, ...]
     count: int = 1  # alive at the start
+    capacity: int | None = None  # slots: the most that live at once; as many as at the start when None
+    birth: Birth | None = None  # offspring
+    arrival: float = 0.0  # newcomers from outside, per unit of time
+    hazard: Hazard | None = None  # death by chance
     radius: float = 0.1  # of the body, length
+    solid: bool = True  # whether the bodies of others are in its way
     view_angle: float = 2 * math.pi  # of the view field, radians
     view_range: float = math.inf  # of the view field, length
     senses: tuple[str, ...] = ("position", "heading")  # e, after the deviations in zeta
+    sees: tuple[str, ...] = ()  # resources: distance, bearing and fullness of the nearest patch that is seen
+    neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
+    opens: tuple[str, ...] = ()  # needs whose deviations others can sense
+    empathy: Empathy | None = None
+    crowding: Crowding | None = None
     position: tuple[float, float] | None = None  # at birth; anywhere in the arena when None
     heading: float | None = None  # at birth, radians; any when None
     collapse: Mapping[str, float] = field(default_factory=dict)  # at these thresholds sleep is the only action left
     commitment: Commitment = "free"  # whether a go_to may be left before it arrives
-    drive_epsilon: float = 0.001  # of the drive sqrt(epsilon + delta . delta)
+    drive_epsilon: float = 0.001  # of the drive (epsilon + delta . delta) ^ (exponent / 2)
+    drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic
     learner: str = "hjb"
     learner_settings: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         owner = f"species {self.name!r}"
-        require(bool(self.name) and self.name.isidentifier(), f"{owner}: a name is a Python word.")
+        _words(owner, self.name)
         require(len(self.needs) > 0, f"{owner}: at least one need.")
         require(
             isinstance(self.count, int) and self.count >= 0,
             f"{owner}: count must be a whole number of at least 0, got {self.count!r}.",
         )
+        require(
+            self.capacity is None or (isinstance(self.capacity, int) and self.capacity >= self.count),
+            f"{owner}: capacity must be a whole number of at least the count {self.count!r}, got {self.capacity!r}.",
+        )
+        _finite(owner, arrival=self.arrival)
+        require(self.arrival >= 0, f"{owner}: arrival must not be negative, got {self.arrival!r}.")
         _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon, **self.collapse)
+        _finite(owner, drive_exponent=self.drive_exponent)
         if self.heading is not None:
             _finite(owner, heading=self.heading)
         require(self.radius > 0, f"{owner}: radius must be positive, got {self.radius!r}.")
@@ -393,6 +605,7 @@ class Species:
         )
         require(self.view_range > 0, f"{owner}: view_range must be positive, got {self.view_range!r}.")
         require(self.drive_epsilon > 0, f"{owner}: drive_epsilon must be positive, got {self.drive_epsilon!r}.")
+        require(self.drive_exponent > 0, f"{owner}: drive_exponent must be positive, got {self.drive_exponent!r}.")
         require(
             self.commitment in ("free", "committed"),
             f"{owner}: commitment is 'free' or 'committed', got {self.commitment!r}.",
@@ -412,3 +625,13 @@ class Species:
                 any(action.kind == "sleep" for action in self.actions),
                 f"{owner}: collapse leaves only sleep, but no action of kind 'sleep' is given.",
             )
+
+    @property
+    def slots(self) -> int:
+        """Return how many can live at once."""
+        return self.count if self.capacity is None else self.capacity
+
+    @property
+    def grows(self) -> bool:
+        """Return whether anyone can be born or arrive."""
+        return self.birth is not None or self.arrival > 0

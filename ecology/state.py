@@ -12,13 +12,15 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+CAUSES = ("alive", "need", "eaten", "hazard", "rule")  # of death: a lethal need, a bite, by chance, the scenario's rule
+
 
 @dataclass
 class State:
-    """All that changes, for N slots, V needs (the most of any species) and R resources.
+    """All that changes, for N slots, V needs (the most of any species) and R patches of resources.
 
-    A slot belongs to one species for good; a dead agent's row stays where it is. Rows of a
-    species with fewer than V needs are padded with zeros.
+    A slot belongs to one species for good; a dead agent's row stays as it was until a newborn takes
+    the slot. Rows of a species with fewer than V needs are padded with zeros.
     """
 
     tick: int
@@ -26,15 +28,21 @@ class State:
     next_serial: int
     alive: Bools  # (N,)
     serial: Ints  # (N,) name of the agent in the slot, -1 before the first; never returns
+    parent: Ints  # (N,) serial of the parent, -1 without
+    cause: Ints  # (N,) what it died of, an index into CAUSES; 0 while it lives
     age: Floats  # (N,) time since birth
     position: Floats  # (N, 2)
     heading: Floats  # (N,) radians in [-pi, pi)
     internal: Floats  # (N, V) x
-    drive: Floats  # (N,) d(delta)
+    drive: Floats  # (N,) d, what is felt of others included
+    own_drive: Floats  # (N,) d(delta), nothing of others
+    felt: Floats  # (N, V) of others: average form, sum of w_ij delta_j per need; sum form, in column 0, of w_ij d_j
     action: Ints  # (N,) executed in the last tick, an index into the species' own actions
     hold: Floats  # (N,) time for which the present action still immobilises
-    bound_for: Ints  # (N,) resource that a go_to under way leads to, -1 without
-    inside: Bools  # (N, R) within the resource's circle
+    bound_for: Ints  # (N,) patch that a go_to under way leads to, -1 without
+    bit: Ints  # (N,) slot that was bitten with success in the last tick, -1 without
+    gave: Ints  # (N,) slot that was given to in the last tick, -1 without
+    inside: Bools  # (N, R) within the patch's circle
     seen: Bools  # (N, R) within the view field, with no wall between
     resource_position: Floats  # (R, 2)
     stock: Floats  # (R,) what is left, units of intake
@@ -43,8 +51,10 @@ class State:
     grown: Floats  # (R,) into the stock, by growth and relocation; unlimited: as much as was eaten
     eaten: Floats  # (R,) out of the stock
     ingested: Floats  # (N, V) eaten by the body
+    received: Floats  # (N, V) from others: prey, gifts, at birth, by the scenario's own rule
+    given: Floats  # (N, V) to others: bitten off, gifts, the cost of a birth, by the scenario's own rule
     metabolised: Floats  # (N, V) taken by the rest of f and g: its own dynamics, other controls, noise
-    lost: Floats  # (N, V) beyond the bounds or eaten in the tick of death; negative where a bound holds x up
+    lost: Floats  # (N, V) beyond the bounds, in the tick of death, or a body's rest; negative: held up by a bound
     returned: int  # times that the arena's guarantee put a body back inside
     closed: Ints  # (N,) closed actions asked for so far, each replaced
 

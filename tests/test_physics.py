@@ -20,7 +20,8 @@ def bodies(arena, position, radius=0.1, alive=None):
     """Return a Physics of circles at `position` (N, 2), and the position as an array."""
     position = np.array(position, float).reshape(-1, 2)
     alive = np.ones(len(position), bool) if alive is None else np.array(alive)
-    return physics.Physics(arena, np.full(len(position), float(radius)), position, alive), position
+    solid = np.ones(len(position), bool)
+    return physics.Physics(arena, np.full(len(position), float(radius)), solid, position, alive), position
 
 
 def inside(arena, position):
@@ -145,9 +146,8 @@ def test_the_dead_touch_nothing():
     for _ in range(20):
         position, _ = world.move(position, way, 1.0)
     assert position == pytest.approx(np.array([[5.0, 5.0], [4.0, 5.0]]), abs=1e-11)
-    world.touch(np.array([1]), np.array([True]))
     for _ in range(20):
-        position, _ = world.move(position, -way, 1.0)
+        position, _ = world.move(position, -way, 1.0, alive=np.array([True, True]))
     assert position[1, 0] < 3.9, "alive again, it is pushed"
 
 

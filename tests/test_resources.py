@@ -679,7 +679,7 @@ WRONG = {
         lambda: berries(stock=1.0, capacity=math.inf, growth=Growth(kind="logistic", rate=0.1)),
         ["logistic", "finite capacity", "inf"],
     ),
-    "a growth of its own kind": (lambda: Growth(kind="exponential", rate=0.1), ["'linear'", "'exponential'"]),
+    "a growth of its own kind": (lambda: Growth(kind="cubic", rate=0.1), ["'linear'", "'cubic'"]),
     "shrinking": (lambda: Growth(rate=-0.1), ["rate", "positive", "-0.1"]),
     "a season below nothing": (
         lambda: Growth(rate=0.1, season=Season(amplitude=1.5, period=9.0)),

@@ -1,0 +1,136 @@
+"""Affective empathy: how the state of others enters one's own drive; pure functions of arrays.
+
+Coupling matrices are dense, n slots of the one who feels by m slots of those whom it may feel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ecology import physiology
+from ecology.neighbours import Pairs
+from ecology.physiology import Body
+from ecology.plane import Plane
+from ecology.spec import Empathy, Species
+from ecology.state import Bools, Floats, Ints, State
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The constants of one species' empathy."""
+
+    empathy: Empathy
+    rows: slice  # n slots of those who feel
+    others: Ints  # (m,) slots of those who may be felt
+    weight: Floats  # (n, m) w_ij of the sum form, a factor of it in the average form; 0 for oneself
+    counts: Floats  # (m, V) how much each need of the other counts, by the other's columns
+    column: Ints  # (m, V) column of the other's need of the same name, -1 without, by one's own columns
+    own: Floats  # (V,) w_ii of the average form, by one's own columns; 1 in the sum form
+
+
+def own_weights(species: Species, everyone: Sequence[Species]) -> dict[str, float]:
+    """Return w_ii by need: 1, or in the average form what others leave of it."""
+    empathy = species.empathy
+    if empathy is None or empathy.form == "sum":
+        return {need.name: 1.0 for need in species.needs}
+    felt = {need.name for s in everyone if s.name in felt_species(species) for need in s.needs}
+    return {
+        n.name: 1.0 - empathy.weight * empathy.needs.get(n.name, 1.0) if n.name in felt and n.regulated else 1.0
+        for n in species.needs
+    }
+
+
+def felt_species(species: Species) -> tuple[str, ...]:
+    """Return the names of the species that `species` feels with."""
+    empathy = species.empathy
+    return () if empathy is None else empathy.species or (species.name,)
+
+
+def compile_coupling(species: Sequence[Species], slots: Sequence[slice], width: int) -> list[Coupling]:
+    """Return the couplings of the species that have empathy; `slots` are those of every species."""
+    found = []
+    for i, s in enumerate(species):
+        if s.empathy is None:
+            continue
+        felt = [k for k, other in enumerate(species) if other.name in felt_species(s)]
+        others = np.concatenate([np.arange(slots[k].start, slots[k].stop) for k in felt])
+        weight = np.full((s.slots, len(others)), float(s.empathy.weight))
+        if s.empathy.matrix is not None:
+            weight[:, np.isin(others, np.arange(slots[i].start, slots[i].stop))] *= np.array(s.empathy.matrix)
+        weight[others == np.arange(slots[i].start, slots[i].stop)[:, None]] = 0.0
+        counts, column = np.zeros((len(others), width)), np.full((len(others), width), -1)
+        for k in felt:
+            names = [need.name for need in species[k].needs]
+            theirs = np.isin(others, np.arange(slots[k].start, slots[k].stop))
+            counts[theirs, : len(names)] = [s.empathy.needs.get(name, 1.0) for name in names]
+            for v, need in enumerate(s.needs):
+                if need.name in names:
+                    column[theirs, v] = names.index(need.name)
+        own = np.ones(width)
+        own[: len(s.needs)] = list(own_weights(s, species).values())
+        found.append(Coupling(s.empathy, slots[i], others, weight, counts, column, own))
+    return found
+
+
+def matrix(
+    coupling: Coupling, state: State, plane: Plane, pairs: Pairs | None, seen: Bools | None, ring: Ints | None
+) -> Floats:
+    """Return who feels whom now and how much, (n, m): the weights under every condition and lesion.
+
+    `pairs` and which of them are `seen` (P,) serve the condition of sight; `ring` (N,) is an order of
+    all slots in which a shuffled partner is the next one.
+    """
+    e, rows, others = coupling.empathy, coupling.rows, coupling.others
+    weight = coupling.weight * state.alive[rows, None] * state.alive[others]
+    if e.kin:
+        mine, theirs = state.serial[rows, None], state.serial[others]
+        parent, their_parent = state.parent[rows, None], state.parent[others]
+        weight *= (parent == theirs) | (their_parent == mine) | ((parent == their_parent) & (parent >= 0))
+    if np.isfinite(e.within):
+        gap = plane.gap(state.position[rows, None], state.position[others])
+        weight *= np.hypot(gap[..., 0], gap[..., 1]) <= e.within
+    if e.sight and pairs is not None and seen is not None:
+        sees = np.zeros((len(weight), len(state.alive)), bool)
+        who = pairs.who - rows.start
+        mine_ = seen & (who >= 0) & (who < len(weight))
+        sees[who[mine_], pairs.other[mine_]] = True
+        weight *= sees[:, others]
+    if e.lesion == "off" and state.time >= e.lesion_at:
+        weight[:] = 0.0
+    if e.lesion == "shuffled" and ring is not None and state.time >= e.lesion_at:
+        weight = _shuffled(weight, state.alive[others], ring[others], others, np.arange(rows.start, rows.stop))
+    return weight
+
+
+def _shuffled(weight: Floats, alive: Bools, ring: Ints, others: Ints, mine: Ints) -> Floats:
+    """Return the weights (n, m) with each partner's place taken by the next one alive in the ring, never oneself."""
+    living = np.flatnonzero(alive)[np.argsort(ring[alive])]
+    if len(living) < 2:
+        return np.zeros_like(weight)
+    after = np.zeros(len(others), np.int64)
+    after[living] = np.roll(living, -1)
+    moved = np.zeros_like(weight)
+    row, partner = np.nonzero(weight)
+    next_ = after[partner]
+    next_ = np.where(others[next_] == mine[row], after[next_], next_)
+    np.add.at(moved, (row, next_), weight[row, partner])
+    return moved
+
+
+def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats:
+    """Return what is felt of others, (n, V), by one's own columns (sum form: in column 0) for weights (n, m)."""
+    others, rows = coupling.others, coupling.rows
+    delta = physiology.deviation(body, state.internal)
+    felt = np.zeros((len(weight), delta.shape[1]))
+    if coupling.empathy.form == "sum":
+        theirs = physiology.drive(delta[others] * coupling.counts, body.epsilon[others], body.exponent[others])
+        felt[:, 0] = weight @ theirs
+        return felt
+    has = coupling.column >= 0
+    theirs = np.take_along_axis(delta[others], np.maximum(coupling.column, 0), axis=1) * has
+    total = weight @ has
+    mean = np.divide(weight @ theirs, total, out=delta[rows].copy(), where=total > 0)
+    return (1.0 - coupling.own) * mean

@@ -1,0 +1,101 @@
+"""What bodies do to each other when they meet: bite, give, crowd, and the scenario's own rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ecology.errors import EcologyError, nearest
+from ecology.state import Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.scenario import Scenario
+
+
+@dataclass
+class Outcome:
+    """What meetings come to in one tick, for N slots and V needs."""
+
+    received: Floats  # (N, V) units added to needs
+    given: Floats  # (N, V) units taken from needs
+    killed: Bools  # (N,)
+    position: Floats | None = None  # (N, 2) where bodies are put; None: they stay where they are
+
+
+@dataclass(frozen=True)
+class World:
+    """What a scenario's own rule is shown: the read-only state in the middle of a tick, and where to find what.
+
+    Bodies have moved; needs are as they were at the start of the tick.
+    """
+
+    state: State  # read-only
+    dt: float
+    slots: Mapping[str, slice]  # by species
+    needs: Mapping[str, tuple[str, ...]]  # by species, in the order of the columns
+    actions: Mapping[str, tuple[str, ...]]  # by species, in the order of the indices
+
+    def column(self, species: str, need: str) -> int:
+        """Return the column of a need of `species` in `state.internal`."""
+        return self._index(self.needs, species, need, "need")
+
+    def does(self, species: str, action: str) -> Bools:
+        """Return which slots of `species` are alive and execute `action` in this tick, (n,)."""
+        rows = self.slots[self._known(self.slots, species, "species")]
+        return (self.state.action[rows] == self._index(self.actions, species, action, "action")) & self.state.alive[
+            rows
+        ]
+
+    def nothing(self) -> Outcome:
+        """Return an outcome of zeros, to be written into."""
+        shape = self.state.internal.shape
+        return Outcome(np.zeros(shape), np.zeros(shape), np.zeros(shape[0], bool))
+
+    def _index(self, table: Mapping[str, tuple[str, ...]], species: str, name: str, what: str) -> int:
+        names = table[self._known(table, species, "species")]
+        return names.index(self._known(names, name, what))
+
+    @staticmethod
+    def _known(names, name: str, what: str) -> str:
+        if name not in names:
+            raise EcologyError(f"the rule asks for the {what} {name!r}. {nearest(name, names)}")
+        return name
+
+
+Rule = Callable[[World, np.random.Generator], Outcome]
+
+
+def checked(outcome: Outcome, scenario: Scenario, state: State) -> Outcome:
+    """Return the outcome of a scenario's own rule, or raise EcologyError where it is none."""
+    owner = f"the rule of scenario {scenario.name!r}"
+    if not isinstance(outcome, Outcome):
+        raise EcologyError(f"{owner} must return an Outcome (start from world.nothing()), got {outcome!r}.")
+    for word, like in (("received", state.internal), ("given", state.internal), ("position", state.position)):
+        value = getattr(outcome, word)
+        if value is None and word == "position":
+            continue
+        if np.shape(value) != like.shape or not np.isfinite(value).all():
+            raise EcologyError(f"{owner}: {word} must be finite and of shape {like.shape}, got {value!r}.")
+    if np.shape(outcome.killed) != state.alive.shape or outcome.killed.dtype != bool:
+        raise EcologyError(f"{owner}: killed must be true or false for {state.alive.shape}, got {outcome.killed!r}.")
+    return outcome
+
+
+def succeed(attackers: Ints, victims: Ints, chance: Floats, dt: float, slots: int, rng: np.random.Generator) -> Bools:
+    """Return which of the attackers (k,) succeed on their victims (k,), at most one on each victim.
+
+    `chance` (k,) is per unit of time. Numbers are drawn for all `slots`, so that they do not depend on who bites.
+    """
+    drawn, order = rng.random((2, slots))
+    success = drawn[attackers] < 1.0 - (1.0 - chance) ** dt
+    winner = np.full(slots, np.inf)
+    np.minimum.at(winner, victims[success], order[attackers[success]])
+    return success & (order[attackers] == winner[victims])
+
+
+def gifts(wanted: Floats, held: Floats) -> Floats:
+    """Return what is given (k, V) of what is `wanted` (k, V): at most what is `held` (k, V) above the bound."""
+    return np.minimum(wanted, np.maximum(held, 0.0))

@@ -1,0 +1,231 @@
+"""Births and deaths as learners see them, and the drive that they know, felt components included."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+import agents
+import scenarios
+from agents import loop
+from agents.base import Learner, Transition, drive_terms
+from agents.baselines import Greedy
+from agents.hjb import HJB
+from ecology import Ecology, EcologyError, Tick
+
+SEED = np.random.SeedSequence(5)
+SMALL = {"width": 16, "batch": 16, "batch_f": 16, "place_cells": 8, "memory": 200, "inherit": True}
+
+
+class Deathly(Ecology):
+    """The world of the scenario, in which slot 1 dies at tick 300 and is born again, child of slot 2, at 310."""
+
+    def step_arrays(self, actions: np.ndarray) -> Tick:
+        """Advance one tick, with a death and a birth on the way."""
+        tick = super().step_arrays(actions)
+        now = self.state_view.tick
+        there = np.ones(self.size, bool)
+        there[1] = not 300 <= now < 310
+        flags = np.arange(self.size) == 1
+        masks = {"agent": tick.masks["agent"] & there[:, None]}
+        return dataclasses.replace(
+            tick,
+            masks=masks,
+            alive=there,
+            died=flags & (now == 300),
+            born=flags & (now == 310),
+            parent=np.where(flags & (now == 310), 2, -1),
+        )
+
+
+def lived(ticks: int = 300, **settings: object) -> tuple[Deathly, HJB, Tick]:
+    """Return three agents that have lived and learned for a while."""
+    scenario = scenarios.load("paper")
+    three = dataclasses.replace(scenario.species[0], count=3, position=None)
+    env = Deathly(dataclasses.replace(scenario, species=(three,)))
+    learner = agents.make("hjb", env.groups["agent"], SEED, {**SMALL, **settings})
+    assert isinstance(learner, HJB)
+    return env, learner, loop.run(env, {"agent": learner}, env.reset_arrays(0), ticks)
+
+
+def everything(learner: HJB) -> dict[str, np.ndarray]:
+    """Return a copy of all that has a row per slot."""
+    return {name: array.copy() for name, array in learner.state()[0].items() if name != "generator"}
+
+
+def test_a_newborn_without_parent_starts_from_nothing() -> None:
+    """Its networks answer zero, its optimiser, cells and memory are empty; the other slots are as they were."""
+    _, learner, _ = lived()
+    where = {name: array.__array_interface__["data"][0] for name, array in learner.state()[0].items()}
+    before = everything(learner)
+    learner.born(np.array([1]), np.array([-1]))
+    after = everything(learner)
+    for name in before:
+        assert np.array_equal(np.delete(before[name], 1, 0), np.delete(after[name], 1, 0), equal_nan=True), name
+    assert {name: a.__array_interface__["data"][0] for name, a in learner.state()[0].items() if name in before} == {
+        name: at for name, at in where.items() if name in before
+    }
+    started = lived(0)[1].state()[0]
+    for name in learner._arrays():
+        assert np.array_equal(after[name][1], started[name][1], equal_nan=True), name
+    for name in after:
+        if name.startswith(("adam", "cell")):
+            assert not after[name][1].any(), name
+            assert name in ("adam_f.steps", "adam_J.steps") or before[name][[0, 2]].any(), name
+        if name.startswith(("f.", "J.")) and name[-1] in "0123":
+            assert not np.array_equal(after[name][1], before[name][1]), name
+    assert learner.epsilon()[1] > learner.epsilon()[0]
+    at = torch.zeros(3, 1, learner.components)
+    assert learner.f(learner.features(at))[1].abs().max() == 0
+    assert all(torch.equal(slow[1], w[1]) for slow, w in zip(learner.target, learner.J.weights, strict=True))
+
+
+def test_a_newborn_inherits_what_its_parent_knows_and_none_of_its_life() -> None:
+    """f, J, target and place cells are the parent's; memory, optimiser and age are a newborn's."""
+    _, learner, _ = lived()
+    parent = everything(learner)
+    learner.born(np.array([1]), np.array([2]))
+    child = everything(learner)
+    for name in child:
+        if name.startswith(("f.", "J.", "target.", "cell_")):
+            assert np.array_equal(child[name][1], parent[name][2]), name
+        if name.startswith("adam"):
+            assert not child[name][1].any(), name
+    assert child["memory.count"][1] == child["age"][1] == child["decisions"][1] == 0
+    assert child["cell_count"][1] > 0
+
+
+def test_mutation_is_relative_to_the_size_of_a_layer() -> None:
+    """Inherited weights differ by Gaussian noise of the given share of each layer's root mean square."""
+    _, learner, _ = lived(mutation=0.1, width=64)
+    learner.born(np.array([1]), np.array([2]))
+    for network in (learner.f, learner.J):
+        for weight in network.weights[:4:2]:
+            change = (weight[1] - weight[2]).detach()
+            size = weight[2].detach().square().mean().sqrt()
+            assert (change.square().mean().sqrt() / size).item() == pytest.approx(0.1, rel=0.1)
+    for slow, weight in zip(learner.target, learner.J.weights, strict=True):
+        assert torch.allclose(slow[1] - slow[2], (weight[1] - weight[2]).detach(), atol=1e-6)
+
+
+def test_without_inheritance_a_parent_makes_no_difference() -> None:
+    """With `inherit` off a child draws its weights anew."""
+    _, learner, _ = lived(inherit=False)
+    learner.born(np.array([1]), np.array([2]))
+    assert learner.cell_count[1] == 0
+    assert not torch.equal(learner.f.weights[0][1], learner.f.weights[0][2])
+
+
+def test_a_life_goes_on_through_deaths_and_births() -> None:
+    """While a slot is empty nothing of it changes but its streams; the newborn lives and learns from its own life."""
+    env, learner, tick = lived(300)
+    assert learner.movement[1] == -1
+    empty = everything(learner)
+    tick = loop.run(env, {"agent": learner}, tick, 9)
+    for name in ("age", "decisions", "memory.count"):
+        assert everything(learner)[name][1] == empty[name][1], name
+    assert np.array_equal(everything(learner)["f.0"][1], empty["f.0"][1])
+    tick = loop.run(env, {"agent": learner}, tick, 1)
+    assert learner.age.tolist() == [310, 0, 310]
+    loop.run(env, {"agent": learner}, tick, 400)
+    assert learner.age.tolist() == [710, 400, 710]
+    assert np.isfinite(learner.loss_f).all()
+    assert 0 < learner.memory.count[1] < learner.memory.count[0]
+    assert not np.array_equal(everything(learner)["f.0"][1], empty["f.0"][1])
+
+
+def test_the_loop_tells_of_births_by_rows_of_the_species() -> None:
+    """Slots become rows, a parent of another species or none is -1, and nobody born or dead is in a transition."""
+    told: list[tuple[str, list[int], list[int]]] = []
+    alive: list[list[bool]] = []
+
+    class Listener(Learner):
+        def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+            return np.zeros(self.size, np.int64)
+
+        def learn(self, transition: Transition) -> None:
+            alive.append(transition.alive.tolist())
+
+        def died(self, slots: np.ndarray) -> None:
+            told.append(("died", slots.tolist(), []))
+
+        def born(self, slots: np.ndarray, parents: np.ndarray) -> None:
+            told.append(("born", slots.tolist(), parents.tolist()))
+
+    scenario = scenarios.load("paper")
+    first = dataclasses.replace(scenario.species[0], name="first", count=2, position=None)
+    second = dataclasses.replace(first, name="second", count=3)
+
+    class Bearing(Ecology):
+        def step_arrays(self, actions: np.ndarray) -> Tick:
+            tick = super().step_arrays(actions)
+            return dataclasses.replace(
+                tick,
+                alive=np.array([True, True, False, True, True]),
+                died=np.array([False, False, True, False, False]),
+                born=np.array([False, True, False, True, True]),
+                parent=np.array([-1, -1, -1, 2, 0]),
+            )
+
+    env = Bearing(dataclasses.replace(scenario, species=(first, second)))
+    learners = {name: Listener(env.groups[name], SEED) for name in ("first", "second")}
+    loop.run(env, learners, env.reset_arrays(0), 1)
+    assert told == [("born", [1], [-1]), ("died", [0], []), ("born", [1, 2], [0, -1])]
+    assert alive == [[True, False], [False, False, False]]
+
+
+def test_a_newborn_greedy_agent_has_met_nothing(room) -> None:
+    """The mean changes of the last agent of a slot are forgotten."""
+    env = Ecology(room(count=2))
+    learner = Greedy(env.groups["agent"], SEED)
+    loop.run(env, {"agent": learner}, env.reset_arrays(0), 20)
+    learner.born(np.array([0]), np.array([1]))
+    assert learner.met.sum(axis=1).tolist() == [0, 20]
+
+
+# ---- the drive that an agent knows ------------------------------------------------------------
+
+
+def felt_layout(**fields: object) -> SimpleNamespace:
+    """Return two regulated needs, one that is not, a place, and two felt components."""
+    return SimpleNamespace(
+        kinds=("deviation", "deviation", "deviation", "plain", "felt", "felt"),
+        regulated=np.array([True, True, False, False, False, False]),
+        epsilon=0.5,
+        **fields,
+    )
+
+
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({}, np.sqrt(0.5 + 9 + 16) + 0.3),
+        ({"exponent": 2.0}, 0.5 + 9 + 16 + 0.3),
+        (
+            {"exponent": 3.0, "own": np.full(6, 0.5), "felt_to": np.array([-1, -1, -1, -1, 0, 1])},
+            (0.5 + (1.5 + 0.1) ** 2 + (-2.0 + 0.2) ** 2) ** 1.5,
+        ),
+    ],
+)
+def test_drive_as_an_agent_knows_it(fields: dict[str, object], expected: float) -> None:
+    """d = (epsilon + sum (own delta + felt)^2)^(p/2) + felt, worked out by hand for the three forms."""
+    zeta = np.array([3.0, -4.0, 7.0, 9.0, 0.1, 0.2], np.float32)
+    mix, felt, exponent = drive_terms(felt_layout(**fields))  # type: ignore[arg-type]
+    own = np.square(zeta @ mix).sum() + 0.5
+    assert own ** (exponent / 2) + zeta @ felt == pytest.approx(expected, rel=1e-6)
+    learner = lived(0)[1]
+    learner.mix, learner.exponent, learner.epsilon_of_drive = torch.from_numpy(mix), exponent, 0.5
+    learner.felt = torch.from_numpy(felt)
+    assert learner.drive(torch.from_numpy(zeta)).item() == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "value"), [("mutation", -0.1), ("inherit", 1), ("mutation", float("nan"))])
+def test_bad_inheritance_is_refused(name: str, value: object) -> None:
+    """A mutation below zero or an inherit that is no truth value is one clear error."""
+    env = Ecology(scenarios.load("paper"))
+    with pytest.raises(EcologyError, match=name):
+        agents.make("hjb", env.groups["agent"], SEED, {name: value})
