@@ -52,6 +52,8 @@ class Plan:
     record: bool = True  # whether metrics and a recording are written
     record_every: int = RECORD_EVERY  # ticks between two rows of an agent
     checkpoint_every: int = CHECKPOINT_EVERY  # ticks
+    keep_every: int = 0  # ticks between two checkpoints that are kept for good; 0 keeps none
+    forked: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # of which run, when, and what was changed
 
     def load(self) -> Scenario:
         """Return the scenario of the run."""
@@ -69,6 +71,7 @@ class Plan:
             "learners": {
                 species: {"name": choice.name, "settings": choice.settings} for species, choice in self.learners.items()
             },
+            **({"forked": self.forked} if self.forked else {}),
             "made_with": {
                 "world": world_digest(world),
                 "dt": float(world.dt),
@@ -76,7 +79,10 @@ class Plan:
                 **versions(),
             },
         }
-        head = "# Repeat this run with: ecology run --config config.toml --out ANOTHER_FOLDER\n"
+        again = (
+            "ecology fork, as [forked] says" if self.forked else "ecology run --config config.toml --out ANOTHER_FOLDER"
+        )
+        head = f"# Repeat this run with: {again}\n"
         return head + "# [made_with] says what it was made with and is not read.\n" + tomli_w.dumps(_toml(words, ""))
 
 
@@ -88,8 +94,9 @@ PLAIN = {  # keys of config.toml that are not tables, and what they are
     "record": bool,
     "record_every": int,
     "checkpoint_every": int,
+    "keep_every": int,
 }
-TABLES = ("settings", "learners", "made_with")
+TABLES = ("settings", "learners", "forked", "made_with")
 
 
 def read_config(path: Path) -> dict[str, Any]:
@@ -175,9 +182,10 @@ def resolve(
         settings={key: value for key, value in world.settings.items() if key != "ticks"},
         learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
         ticks=ticks,
+        forked=words.get("forked", {}),
         **{key: words[key] for key in PLAIN if key in words and key not in ("scenario", "ticks")},
     )
-    for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1)):
+    for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1), ("keep_every", 0)):
         if getattr(plan, key) < low:
             raise EcologyError(f"{key} must be a whole number of at least {low}, got {getattr(plan, key)!r}.")
     return plan

@@ -24,7 +24,8 @@ from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"
-WRITES = (CONFIG, SUMMARY, CHECKPOINT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
+WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
 LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
 
 
@@ -218,6 +219,9 @@ class Run:
         text = self.plan.to_toml()
         with writable(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
+            if self.plan.forked:  # its first tick cannot be lived again
+                self.save(self.folder / KEPT / str(self.now))
+                self.save()
             replace_text(self.folder / CONFIG, text)
 
     def restore(self, *, previous: bool = False) -> None:
@@ -225,19 +229,9 @@ class Run:
         where = self.folder / CHECKPOINT
         parts = checkpoint.read(where, previous=previous)
         try:
-            told = parts["run"][1]
-            mine = self._words()
-            differ = [key for key in mine if told["words"].get(key) != mine[key]]
-            if differ:
-                raise EcologyError(
-                    f"the checkpoint {str(where)!r} is of another world: it differs in {' and '.join(differ)}. "
-                    f"Restore the scenario file and {CONFIG}, or start the run anew."
-                )
+            self.check_words(parts)
             self._longer_than(parts["tally"][1]["tick"] - 1)
-            self.tally.restore(*parts["tally"])
-            for species, learner in self.learners.items():
-                learner.restore(*parts[f"learner_{species}"])
-            self.tick = self.env.restore(*parts["world"])
+            self.become(parts)
         except EcologyError:
             raise
         except Exception as error:
@@ -245,6 +239,23 @@ class Run:
                 f"the checkpoint {str(where)!r} is damaged or foreign ({type(error).__name__}: {error}). "
                 f"{checkpoint.advice(where)}"
             ) from error
+
+    def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
+        """Raise EcologyError where a checkpoint is not of this run's world, learners and seed."""
+        told, mine = parts["run"][1], self._words()
+        differ = [key for key in mine if told["words"].get(key) != mine[key]]
+        if differ:
+            raise EcologyError(
+                f"the checkpoint in {str(self.folder)!r} is of another world: it differs in {' and '.join(differ)}. "
+                f"Restore the scenario file and {CONFIG}, or start the run anew."
+            )
+
+    def become(self, parts: Mapping[str, checkpoint.Part]) -> None:
+        """Become what `parts` returned; whatever is raised where they do not fit."""
+        self.tally.restore(*parts["tally"])
+        for species, learner in self.learners.items():
+            learner.restore(*parts[f"learner_{species}"])
+        self.tick = self.env.restore(*parts["world"])
 
     def resume(self, *, previous: bool = False) -> None:
         """Go on from the checkpoint (or the previous one), to the plan's ticks.
@@ -279,7 +290,8 @@ class Run:
         """
         interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
-        every, last = self.plan.checkpoint_every, self.plan.ticks
+        last, keep = self.plan.ticks, self.plan.keep_every
+        rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
         with writable(self.folder), contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
@@ -295,9 +307,11 @@ class Run:
             at_end.callback(self._write_summary)
             try:
                 while self.now < last:
-                    ticks = min(every - self.now % every, last - self.now)
+                    ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
                     self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers)
                     self._keep(observers)
+                    if keep and self.now % keep == 0:
+                        self.save(self.folder / KEPT / str(self.now))
             except StoppedError as stopped:
                 self.stopped_by = str(stopped)
                 self._keep(observers)
@@ -317,15 +331,27 @@ class Run:
             getattr(observer, "flush", lambda: None)()
         self.save()
 
-    def save(self) -> None:
-        """Write the checkpoint."""
-        parts: dict[str, checkpoint.Part] = {
+    def parts(self) -> dict[str, checkpoint.Part]:
+        """Return all that the run has become: what a checkpoint holds."""
+        return {
             "run": ({}, {"words": self._words()}),
             "tally": self.tally.state(),
             "world": self.env.snapshot(),
-        }
-        parts |= {f"learner_{species}": learner.state() for species, learner in self.learners.items()}
-        checkpoint.write(self.folder / CHECKPOINT, parts)
+        } | {f"learner_{species}": learner.state() for species, learner in self.learners.items()}
+
+    def save(self, where: Path | None = None) -> None:
+        """Write the checkpoint, or one to `where`."""
+        checkpoint.write(where or self.folder / CHECKPOINT, self.parts())
+
+    def live_on(self, at: int, observers: Sequence[Observer] = ()) -> None:
+        """Live to the tick `at` and write nothing; StoppedError where a signal came."""
+        interrupt = Interrupt()
+        with contextlib.ExitStack() as at_end:
+            for watcher in (interrupt, *observers):
+                watcher.begin(self.env, self.learners)
+                at_end.callback(watcher.end)
+            watchers = (self.tally, *observers, interrupt)
+            self.tick = loop.run(self.env, self.learners, self.tick, at - self.now, watchers)
 
     def summary(self) -> dict[str, Any]:
         """Return what summary.json holds."""
@@ -337,6 +363,9 @@ class Run:
         }
         if self.stopped_by is not None:
             head |= {"stopped_at": self.tally.tick, "stopped_by": self.stopped_by}
+        if self.plan.forked:
+            at = self.plan.forked["at"]
+            head |= {"forked_at": at, "mean_drive_since_fork": self.tally.mean_drive(at)}
         return head | self.tally.summary()
 
     def _words(self) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import math
 import os
 import subprocess
 import sys
@@ -121,13 +122,16 @@ def run(
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
+    keep_every: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.  [default: none]")
+    ] = None,
     device: Annotated[str | None, typer.Option(help="cpu: no learner computes elsewhere yet.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
     if resume is not None:
         _refuse("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
-        _refuse("--resume", record=record, device=device)
+        _refuse("--resume", record=record, keep_every=keep_every, device=device)
     elif previous:
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
     with contextlib.ExitStack() as stack:
@@ -136,15 +140,19 @@ def run(
             it = _run.opened(resume, ticks)
             it.resume(previous=previous)
         else:
+            words = None if config is None else read_config(config)
+            if words and "forked" in words:
+                raise EcologyError(f"the config {str(config)!r} is of a fork; repeat that with `ecology fork`.")
             plan = resolve(
                 scenario,
-                config=None if config is None else read_config(config),
+                config=words,
                 changes=dict(map(_setting, set_ or ())),
                 learners=learner or (),
                 ticks=ticks,
                 seed=seed,
                 device=device,
                 record=record,
+                keep_every=keep_every,
             )
             it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
             it.check_folder()
@@ -173,7 +181,7 @@ def _live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
 def _refuse(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
-            word = name if name.isupper() else f"--{name}"
+            word = name if name.isupper() else f"--{name.replace('_', '-')}"
             raise EcologyError(f"{option} goes on with a run as it was told; leave out {word}, or start a run anew.")
 
 
@@ -320,6 +328,61 @@ def _say(folder: Path, summary: Mapping[str, Any]) -> None:
 
 def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
+
+
+# ---- fork ------------------------------------------------------------------------------------
+
+
+@app.command()
+def fork(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    at: Annotated[int, typer.Option(min=0, metavar="TICK", help="From which it is another future.")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting that is changed; one of the start changes nothing."),
+    ] = None,
+    remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Who is no longer there.")] = None,
+    move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="What lies elsewhere.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="To which it lives.  [default: as the run]")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the fork.  [default: RUN-at-TICK]")] = None,
+    record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
+    keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
+    from scenarios import _fork
+
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_run.held(run))
+        it = _run.opened(run)
+        forked = _fork.fork(
+            it,
+            at,
+            out or run.absolute().with_name(f"{run.absolute().name}-at-{at}"),
+            changes=dict(map(_setting, set_ or ())),
+            remove=remove or (),
+            move=dict(map(_place, move or ())),
+            ticks=ticks,
+            record=record,
+            keep_every=keep_every,
+            observers=[] if quiet else [Progress(it.tally, at)],
+        )
+        observers = _watchers(forked, resume=False, view=False, serve=False, connect=None)
+        forked.start()
+        stack.enter_context(_run.held(forked.folder))
+        _live(forked, observers, quiet=quiet)
+
+
+def _place(text: str) -> tuple[str, tuple[float, float]]:
+    """Return resource and place of "RESOURCE=x,y"."""
+    name, _, place = text.partition("=")
+    try:
+        x, y = map(float, place.split(","))
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError
+    except ValueError as error:
+        raise EcologyError(f"--move takes RESOURCE=x,y, got {text!r}.") from error
+    return name.strip(), (x, y)
 
 
 # ---- sweep -----------------------------------------------------------------------------------
