@@ -358,12 +358,9 @@ def nearest_of_kind(kind: Ints, kinds: int, distance: Floats, kept: Bools) -> In
 
 def sight(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
     """Return which pairs (P,) are seen by `who`: within its view field, no wall between; `looks` (N,) are who look."""
-    seen = looks[pairs.who] & (pairs.distance <= eyes.range[pairs.who])
-    at = np.flatnonzero(seen)
-    if at.size:
-        who = pairs.who[at]
-        kept = in_field(eyes, pairs.gap[at], heading[who], who)
-        seen[at[~kept]] = False
-        at = at[kept]
-        seen[at] = clear(eyes, position[pairs.who[at]], position[pairs.other[at]])
-    return seen
+    from ecology.kernels import in_view  # slow to load, needed where someone senses others
+
+    return in_view(
+        pairs.who, pairs.other, pairs.gap, pairs.distance, position, heading, looks,
+        eyes.half_angle, eyes.range, eyes.wall_from, eyes.wall_along, eyes.open,
+    )  # fmt: skip
