@@ -46,6 +46,11 @@ def _python(installed: Path, *words: str) -> str:
     return done.stdout
 
 
+def _files(folder: Path) -> list[Path]:
+    """Return the files under `folder`, but what Python and Numba made of them."""
+    return [path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+
+
 def test_every_module_is_installed(installed: Path) -> None:
     """What lies in the packages' folders here is what an install brings."""
     for name in PACKAGES:
