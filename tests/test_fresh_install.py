@@ -54,8 +54,8 @@ def _files(folder: Path) -> list[Path]:
 def test_every_module_is_installed(installed: Path) -> None:
     """What lies in the packages' folders here is what an install brings."""
     for name in PACKAGES:
-        here = {p.relative_to(ROOT) for p in (ROOT / name).rglob("*") if p.is_file() and p.suffix != ".pyc"}
-        there = {p.relative_to(installed) for p in (installed / name).rglob("*") if p.suffix != ".pyc"}
+        here = {path.relative_to(ROOT) for path in _files(ROOT / name)}
+        there = {path.relative_to(installed) for path in _files(installed / name)}
         assert here - there == set(), "add the package to [tool.setuptools] in pyproject.toml"
 
 
