@@ -14,7 +14,7 @@ from pettingzoo import ParallelEnv
 from ecology import empathy, life, meetings, neighbours, physiology, resources, senses
 from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
-from ecology.kernels import inside_polygon
+from ecology.kernels import in_reach, inside_polygon
 from ecology.meetings import World
 from ecology.physics import Physics
 from ecology.plane import plane_of
@@ -113,9 +113,7 @@ class Ecology(ParallelEnv):
         self._radius = np.repeat([float(s.radius) for s in species], counts)
         self._solid = np.repeat([s.solid for s in species], counts)
         self._species_of = np.repeat(np.arange(len(species)), counts)
-        self._looks = np.repeat(
-            [bool(s.neighbours) or (s.empathy is not None and s.empathy.sight) for s in species], counts
-        )
+        self._looks = np.repeat([s.empathy is not None and s.empathy.sight for s in species], counts)
         self._near = self._nearness()
         self.groups: dict[str, Group] = {}
         for i, (s, rows, table, gaze) in enumerate(zip(species, blocks, self._tables, self._gazes, strict=True)):
@@ -531,9 +529,6 @@ class Ecology(ParallelEnv):
         self._pairs = pairs = (
             neighbours.find(self._plane, state.position, state.alive, self._near) if self._near else None
         )
-        seen = None
-        if pairs is not None and self._looks.any():
-            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
         self._targets = {
             group.name: self._aim(group, acts) for group, acts in zip(self.groups.values(), self._tables, strict=True)
         }
@@ -541,8 +536,8 @@ class Ecology(ParallelEnv):
         delta = physiology.deviation(body, state.internal)
         state.own_drive = state.drive = physiology.drive(delta, body.epsilon, body.exponent)
         for coupling in self._couplings:
-            self._empathise(coupling, delta, pairs, seen)
-        self._around = senses.Surroundings(table, self._plane, body, self._species_of, glimpse, pairs, seen)
+            self._empathise(coupling, delta)
+        self._around = senses.Surroundings(table, self._plane, body, self._species_of, glimpse, pairs, self._eyes)
         self._masks = {
             group.name: action_mask(
                 acts,
@@ -561,23 +556,21 @@ class Ecology(ParallelEnv):
     def _aim(self, group: Group, table: ActionTable) -> Ints:
         """Return whom bites and gifts would meet, slots (n, A), -1 nobody: the nearest in reach, no wall between."""
         targets = np.full((group.size, len(group.actions)), -1)
-        pairs, state = self._pairs, self._now()
+        pairs, state, eyes = self._pairs, self._now(), self._eyes
         for a in np.flatnonzero(table.meets >= 0):
             assert pairs is not None
-            who = pairs.who - group.slots.start
-            kept = (pairs.distance <= table.reach[a]) & (who >= 0) & (who < group.size)
-            kept &= self._species_of[pairs.other] == table.meets[a]
-            at = np.flatnonzero(kept)
-            kept[at] = senses.clear(self._eyes, state.position[pairs.who[at]], state.position[pairs.other[at]])
-            found = neighbours.nearest(pairs, kept, group.slots.start, group.size, 1)[:, 0]
-            targets[:, a] = np.where(found >= 0, pairs.other[found], -1) if len(pairs.other) else -1
+            targets[:, a] = in_reach(
+                pairs.starts, pairs.other, pairs.distance, group.slots.start, group.size, table.reach[a],
+                table.meets[a], self._species_of, state.position, eyes.wall_from, eyes.wall_along, eyes.open,
+            )  # fmt: skip
         return targets
 
-    def _empathise(
-        self, coupling: empathy.Coupling, delta: Floats, pairs: neighbours.Pairs | None, seen: Bools | None
-    ) -> None:
+    def _empathise(self, coupling: empathy.Coupling, delta: Floats) -> None:
         """Let the state of others enter the drive of one species."""
-        state, body, rows = self._now(), self._body, coupling.rows
+        state, body, rows, pairs = self._now(), self._body, coupling.rows, self._pairs
+        seen = None
+        if coupling.empathy.sight and pairs is not None:
+            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
         weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
         felt = empathy.feel(coupling, weight, state, body)
         state.felt, state.drive = state.felt.copy(), state.drive.copy()
