@@ -223,7 +223,7 @@ def _observe_others(
     assert seen is not None
     first, n = gaze.rows.start, len(zeta)
     kept = seen & (pairs.who >= first) & (pairs.who < first + n)
-    index = np.full(1 + int(around.species_of.max()), -1)
+    index = np.full(1 + int(max(kinds.max(), around.species_of.max())), -1)
     index[kinds] = np.arange(len(kinds))
     kept &= index[around.species_of[pairs.other]] >= 0
     found = nearest(pairs, kept, first, n, sensed.count)  # (n, k)
@@ -248,7 +248,7 @@ def _observe_others(
             need = columns[kind, w]
             delta = state.internal[other, need] - around.body.set_point[other, need]
             block[row, place, c + w] = np.where(need >= 0, delta, 0.0)
-    zeta[:, column : column + each * sensed.count] = block.reshape(n, -1)
+    zeta[:, column : column + each * sensed.count] = block.reshape(n, each * sensed.count)
     return column + each * sensed.count
 
 
