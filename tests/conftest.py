@@ -14,6 +14,11 @@ import pytest
 from ecology import Arena, Ecology, Need, Resource, Scenario, Species, Tick, consume, contract, go_to, move, rest, turn
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Know how to renew golden trajectories."""
+    parser.addoption("--golden", action="store_true", help="write golden trajectories that are missing or have changed")
+
+
 @pytest.fixture
 def room() -> Callable[..., Scenario]:
     """Return a maker of a square room with one species; its words can be replaced one by one."""
