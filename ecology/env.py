@@ -271,7 +271,7 @@ class Ecology(ParallelEnv):
     def _decide(self, actions: np.ndarray) -> tuple[Floats, Floats, Floats, Bools]:
         """Return u (N, V), speed (N,), direction (N,) and who asked for a closed action (N,)."""
         state = self._now()
-        self._check_actions(actions)
+        actions = self._checked(actions)
         control = np.zeros_like(state.internal)
         speed, direction = np.zeros(self.size), state.heading.copy()
         closed = np.zeros(self.size, bool)
@@ -375,7 +375,7 @@ class Ecology(ParallelEnv):
             given += np.where(living, outcome.given, 0.0)
             ruled = outcome.killed & state.alive
             if outcome.position is not None:
-                state.position = self._inside(np.asarray(outcome.position, float))
+                state.position = np.where(living, self._inside(np.asarray(outcome.position, float)), state.position)
         state.received, state.given = state.received + received, state.given + given
         return received, given, killed, ruled
 
@@ -502,11 +502,13 @@ class Ecology(ParallelEnv):
             units = resources.whole_units(until) - resources.whole_units(state.time)
             state.available = resources.appear(table, state.available, units, self._rng["availability"])
 
-    def _check_actions(self, actions: np.ndarray) -> None:
+    def _checked(self, actions: np.ndarray) -> Ints:
+        """Return the actions (N,), those of dead slots as 0, or raise EcologyError."""
         if actions.shape != (self.size,) or actions.dtype.kind not in "iu":
             raise EcologyError(
                 f"actions must be {self.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
             )
+        actions = np.where(self._now().alive, actions, 0)
         for group in self.groups.values():
             wanted = actions[group.slots]
             if group.size and (wanted.min() < 0 or wanted.max() >= len(group.actions)):
@@ -515,6 +517,7 @@ class Ecology(ParallelEnv):
                     f"the action of {self.name_of(group.slots.start + bad)} must be a whole number from 0 to "
                     f"{len(group.actions) - 1}, got {int(wanted[bad])}."
                 )
+        return actions
 
     def _feel(self) -> None:
         """Renew what bodies feel and see: drive, reach, sight, neighbours and the action masks."""
@@ -534,9 +537,13 @@ class Ecology(ParallelEnv):
         }
         # the drive, of oneself and of others
         delta = physiology.deviation(body, state.internal)
+        last = state.drive, state.felt
         state.own_drive = state.drive = physiology.drive(delta, body.epsilon, body.exponent)
         for coupling in self._couplings:
             self._empathise(coupling, delta)
+        if self._couplings:  # the dead feel what they felt last: to die is no relief
+            state.drive = np.where(state.alive, state.drive, last[0])
+            state.felt = np.where(state.alive[:, None], state.felt, last[1])
         self._around = senses.Surroundings(table, self._plane, body, self._species_of, glimpse, pairs, self._eyes)
         self._masks = {
             group.name: action_mask(
@@ -630,6 +637,9 @@ class Ecology(ParallelEnv):
                 f"state {name!r} has the shape {known[name].shape}, got {value.shape}.",
             )
             setattr(state, name, value.copy())
+        state.position = self._plane.home(state.position)
+        if fields.keys() & {"position", "alive"}:  # the solver remembers contacts of another place
+            self._physics = Physics(self.scenario.arena, self._radius, self._solid, state.position, state.alive)
         self._feel()
         return self._look(np.zeros(self.size))
 

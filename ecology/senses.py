@@ -222,7 +222,7 @@ def _observe_others(
     pairs, eyes = around.pairs, around.eyes
     assert pairs is not None
     n = len(zeta)
-    index = np.full(1 + int(around.species_of[-1]), -1)
+    index = np.full(1 + int(max(kinds.max(), around.species_of.max())), -1)
     index[kinds] = np.arange(len(kinds))
     found = nearest_seen(
         pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, index >= 0,
@@ -250,7 +250,7 @@ def _observe_others(
             need = columns[kind, w]
             delta = state.internal[other, need] - around.body.set_point[other, need]
             block[row, place, c + w] = np.where(need >= 0, delta, 0.0)
-    zeta[:, column : column + each * sensed.count] = block.reshape(n, -1)
+    zeta[:, column : column + each * sensed.count] = block.reshape(n, each * sensed.count)
     return column + each * sensed.count
 
 
