@@ -536,7 +536,8 @@ class Ecology(ParallelEnv):
         bound = np.flatnonzero(state.bound_for >= 0)
         ahead[bound, state.bound_for[bound]] = True
         distance[bound, state.bound_for[bound]] = -1.0  # who is on the way to one goes on to it
-        self._toward = senses.nearest_of_kind(table.kind, kinds, distance, ahead & ~state.inside & offered)
+        toward = senses.nearest_of_kind(table.kind, kinds, distance, ahead & ~state.inside & offered)
+        self._toward = np.where(self._here >= 0, -1, toward)  # who stands in a patch has arrived
         # others in reach and in sight
         self._pairs = pairs = (
             neighbours.find(self._plane, state.position, state.alive, self._near) if self._near else None
