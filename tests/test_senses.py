@@ -188,7 +188,7 @@ def test_who_stands_in_a_patch_has_arrived(room, act):
     agent = dataclasses.replace(plain.species[0], needs=(Need(name="food", set_point=2.0, start=1.0),))
     env = ecology.parallel_env(dataclasses.replace(plain, resources=(grass,), species=(agent,)))
     env.reset_arrays(seed=0)
-    env.put(position=env.state_view.resource_position[:1] + [[0.45, 0.0]])
+    env.put(position=env.state_view.resource_position[:1] + np.array([[0.45, 0.0]]))
     assert env.state_view.seen.all()
     for _ in range(2):  # to the circle of radius 0.3
         tick = act(env, "go_to_berries")
