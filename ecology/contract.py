@@ -19,6 +19,7 @@ import numpy as np
 
 from ecology.env import Ecology, Tick
 from ecology.errors import EcologyError
+from ecology.physics import inside_polygon
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints
@@ -268,6 +269,23 @@ def a_snapshot_lives_on(scenario: Scenario, ticks: int) -> None:
     require(env.state_view.next_serial == other.state_view.next_serial, "the next serial is another.")
 
 
+def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
+    """Hold the living to be within the arena, whatever they do."""
+    env = Ecology(scenario)
+    walls = np.array(scenario.arena.vertices, dtype=float)
+    (left, bottom), (right, top) = scenario.arena.extent
+    for _, _, tick in _lives(env, 9, ticks):
+        places = env.state_view.position
+        if scenario.arena.walls:
+            inside = inside_polygon(walls, places)
+        else:
+            inside = ((places >= (left, bottom)) & (places < (right, top))).all(axis=1)
+        for slot in np.flatnonzero(tick.alive & ~inside).tolist():
+            raise EcologyError(
+                f"tick {env.state_view.tick}: {env.name_of(slot)} is outside the arena, at {places[slot].tolist()}."
+            )
+
+
 def accounts_close(scenario: Scenario, ticks: int) -> None:
     """Hold every quantity to what came in less what went out, to rounding, and no stock to be below zero."""
     env = Ecology(scenario)
@@ -338,6 +356,7 @@ CHECKS: Mapping[str, Check] = {
     "what was handed out stays as it was": what_was_handed_out_stays,
     "the same seed gives the same life": the_seed_decides_the_life,
     "a snapshot lives on bit for bit": a_snapshot_lives_on,
+    "nobody leaves the arena": bodies_stay_inside,
     "every account closes": accounts_close,
     "names never return": names_never_return,
 }
