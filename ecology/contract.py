@@ -19,7 +19,7 @@ import numpy as np
 
 from ecology.env import Ecology, Tick
 from ecology.errors import EcologyError
-from ecology.physics import inside_polygon
+from ecology.kernels import inside_polygon
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints
@@ -279,7 +279,8 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
         if scenario.arena.walls:
             inside = inside_polygon(walls, places)
         else:
-            inside = ((places >= (left, bottom)) & (places < (right, top))).all(axis=1)
+            x, y = places.T
+            inside = (x >= left) & (x < right) & (y >= bottom) & (y < top)
         for slot in np.flatnonzero(tick.alive & ~inside).tolist():
             raise EcologyError(
                 f"tick {env.state_view.tick}: {env.name_of(slot)} is outside the arena, at {places[slot].tolist()}."

@@ -64,9 +64,9 @@ def test_home_is_inside_and_stays():
 
 @pytest.mark.parametrize("radius", [0.3, 1.5, 3.9, 4.0, 4.1, 20.0])
 @pytest.mark.parametrize("arena", [FREE, TORUS])
-def test_pairs_and_the_nearest_are_those_of_brute_force(arena, radius):
-    """All living pairs within the radius, both ways, each one's nearest first; and the k nearest among those kept."""
-    rng, n, k = np.random.default_rng(int(10 * radius)), 60, 4
+def test_pairs_are_those_of_brute_force(arena, radius):
+    """All living pairs within the radius, both ways, each one's nearest first."""
+    rng, n = np.random.default_rng(int(10 * radius)), 60
     position, alive = rng.uniform(0, 8, (n, 2)), rng.random(n) < 0.8
     pairs = neighbours.find(plane_of(arena), position, alive, radius)
     found = {(i, j): (gap, d) for i, j, gap, d in zip(pairs.who, pairs.other, pairs.gap, pairs.distance, strict=True)}
@@ -78,22 +78,17 @@ def test_pairs_and_the_nearest_are_those_of_brute_force(arena, radius):
             assert found[i, j][0] == pytest.approx(way)
             assert found[i, j][1] == pytest.approx(math.hypot(*way))
     assert len(found) == len(pairs.who)
-    kept = rng.random(len(pairs.who)) < 0.5
-    first, size = 20, 30
-    kept &= (pairs.who >= first) & (pairs.who < first + size)
-    chosen = neighbours.nearest(pairs, kept, first, size, k)
-    for row in range(size):
-        mine = [p for p in np.flatnonzero(kept) if pairs.who[p] == first + row]
-        expected = sorted(mine, key=lambda p: pairs.distance[p])[:k]
-        assert chosen[row].tolist() == expected + [-1] * (k - len(expected))
+    mine = [pairs.distance[a:b] for a, b in itertools.pairwise(pairs.starts)]
+    assert [len(part) for part in mine] == [np.count_nonzero(pairs.who == i) for i in range(n)]
+    assert all((np.diff(part) >= 0).all() for part in mine)
 
 
 def test_nobody_and_one_alone_have_no_pairs():
-    """Without two living there are no pairs, and the nearest are absent."""
+    """Without two living there are no pairs."""
     for arena, alive, radius in itertools.product((FREE, TORUS), (0, 1), (1.0, 50.0)):
         pairs = neighbours.find(plane_of(arena), np.full((3, 2), 4.0), np.arange(3) < alive, radius)
         assert len(pairs.who) == 0
-        assert neighbours.nearest(pairs, np.zeros(0, bool), 0, 3, 2).tolist() == [[-1, -1]] * 3
+        assert pairs.starts.tolist() == [0] * 4
 
 
 # ---- what is sensed --------------------------------------------------------------------------
