@@ -170,7 +170,7 @@ def dicts_and_arrays_agree(scenario: Scenario, ticks: int) -> None:
         five = of_dicts.step({name: int(actions[slot]) for slot, name in names.items()})
         names |= {int(slot): of_arrays.name_of(int(slot)) for slot in np.flatnonzero(tick.born)}
         for part, word in zip(five, ("observations", "rewards", "terminations", "truncations", "infos"), strict=True):
-            _same(sorted(part), sorted(names.values()), f"tick {t}: the agents in {word}")
+            _same(sorted(map(str, part)), sorted(names.values()), f"tick {t}: the agents in {word}")
         observations, rewards, terminations, truncations, infos = five
         for group in of_arrays.groups.values():
             for slot in (slot for slot in names if group.slots.start <= slot < group.slots.stop):

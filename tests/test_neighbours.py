@@ -201,6 +201,12 @@ def test_a_species_that_nobody_is_of_is_sensed_as_absent(empty):
         assert (tick.observations[group.name][:, 1] == np.float32(math.hypot(8, 8))).all()
 
 
+def test_an_empty_species_that_alone_would_sense():
+    """Where only a species with no slots senses others, the rest live on unhindered."""
+    env = start(square(kind("a", count=2), kind("b", count=0, neighbours=(Neighbours(),))))
+    assert env.step_arrays(np.zeros(2, np.int64)).observations["b"].shape == (0, 6)
+
+
 def test_zeta_keeps_its_length():
     """Through births and deaths, with many and with few about, zeta of a species is as long as its layout."""
     env = start(everything())
