@@ -31,7 +31,7 @@ def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) 
 
 def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:
     """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
-    if count == 0:  # asked every tick by a species with births, mostly for nobody
+    if not count:
         return np.empty((0, 2))
     import shapely  # slow to load, needed at births only
 
