@@ -126,6 +126,10 @@ ALGORITHM1: Mapping[str, Any] = {
 }
 
 
+# the least work that was found to beat camping in every seed of `paper`: see docs/performance.md
+LEAN: Mapping[str, Any] = {"width": 32, "batch": 32, "batch_f": 64, "update_every": 8.0}
+
+
 class HJB(Learner):
     """n agents that learn f and J online, each from its own life."""
 
@@ -174,7 +178,7 @@ class HJB(Learner):
         # a slow copy of J, or J's own weights where it is switched off
         self.target = self.J.weights.copy() if s.target_network else self.J.weights
         self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count)
-        self.cell_centre = np.zeros((n, self.cells, 2), np.float32)
+        self.cell_centre = np.zeros((n, 2, self.cells), np.float32)
         self.cell_count = np.zeros(n, np.int64)
         self.brains = kernels.Brains(
             self.f.weights, self.f.first, self.f.second, self.f.steps,
@@ -368,12 +372,12 @@ class HJB(Learner):
         """Give a place cell to those of `slots` who stand farther than the spacing from all of theirs."""
         here = observations[:, self.senses.place]  # (k, 2)
         centre = self.cell_centre[slots]
-        gap = np.hypot(centre[..., 0] - here[:, None, 0], centre[..., 1] - here[:, None, 1])
+        gap = np.hypot(centre[:, 0] - here[:, :1], centre[:, 1] - here[:, 1:])
         gap[np.arange(self.cells) >= self.cell_count[slots][:, None]] = np.inf
         new = (gap.min(axis=1) > self.settings.place_spacing) & (self.cell_count[slots] < self.cells)
         who = slots[new]
         at = self.cell_count[who]
-        self.cell_centre[who, at] = here[new]
+        self.cell_centre[who, :, at] = here[new]
         self.cell_count[who] += 1
 
     # ---- learning -------------------------------------------------------------------------

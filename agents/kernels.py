@@ -24,6 +24,7 @@ E3, E2, E1 = F(4.1665795894e-2), F(1.6666665459e-1), F(5.0000001201e-1)
 BETA1, BETA2, TINY = F(0.9), F(0.999), F(1e-8)  # of Adam
 POLYAK = F(0.1)  # share by which the target network follows J per update
 FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps denormal numbers out
+FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
 LONGEST = F(300.0)  # units of time, of a predicted duration
 
 FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
@@ -80,7 +81,7 @@ class Brains(NamedTuple):
     J_second: np.ndarray
     J_steps: np.ndarray
     target: np.ndarray  # (n, Q) J itself without a target network
-    cell_centre: np.ndarray  # (n, C, 2)
+    cell_centre: np.ndarray  # (n, 2, C)
     cell_count: np.ndarray  # int (n,)
 
 
@@ -182,9 +183,9 @@ def features(s, zeta, centres, x):
             at += 1
         if cells:
             here_x, here_y, sharp = zeta[r, s.place[0]], zeta[r, s.place[1]], s.sharp * HALF
-            bumps = row[base:]
+            bumps, centre_x, centre_y = row[base:], centres[0], centres[1]
             for c in range(cells):
-                gap_x, gap_y = here_x - centres[c, 0], here_y - centres[c, 1]
+                gap_x, gap_y = here_x - centre_x[c], here_y - centre_y[c]
                 bumps[c] = exp32(max(-sharp * (gap_x * gap_x + gap_y * gap_y), FAR))
 
 
@@ -202,9 +203,59 @@ def drive(s, zeta, own):
 
 
 @compiled
+def output(row, w, b):
+    """Return w . row + b, a single output."""
+    total = b
+    for h in range(len(row)):
+        total += w[h] * row[h]
+    return total
+
+
+@compiled
+def product(x, w, out):
+    """Fill out (b, H) with x (b, k) times w (k, H)."""
+    if len(x) > FEW:
+        np.dot(x, w, out)
+        return
+    for r in range(len(x)):
+        row = out[r]
+        row[:] = ZERO
+        for k in range(len(w)):
+            factor, weights = x[r, k], w[k]
+            for h in range(len(row)):
+                row[h] += factor * weights[h]
+
+
+@compiled
+def product_back(g, w, out):
+    """Fill out (b, k) with g (b, H) times the transpose of w (k, H)."""
+    if len(g) > FEW:
+        np.dot(g, w.T, out)
+        return
+    for r in range(len(g)):
+        for k in range(len(w)):
+            out[r, k] = output(g[r], w[k], ZERO)
+
+
+@compiled
+def product_across(x, g, out):
+    """Fill out (k, H) with the transpose of x (b, k) times g (b, H)."""
+    if len(x) > FEW:
+        np.dot(x.T, g, out)
+        return
+    for k in range(len(out)):
+        row = out[k]
+        row[:] = ZERO
+        for r in range(len(x)):
+            factor, up = x[r, k], g[r]
+            for h in range(len(row)):
+                row[h] += factor * up[h]
+
+
+@compiled
 def relu_layer(x, w, b, out):
     """Fill out (b, H) with max(x w + b, 0)."""
-    np.dot(x, w, out)
+    product(x, w, out)
     for r in range(len(out)):
         row = out[r]
         for h in range(len(row)):
@@ -214,21 +265,12 @@ def relu_layer(x, w, b, out):
 @compiled
 def silu_layer(x, w, b, out):
     """Fill out (b, H) with silu(x w + b)."""
-    np.dot(x, w, out)
+    product(x, w, out)
     for r in range(len(out)):
         row = out[r]
         for h in range(len(row)):
             z = row[h] + b[h]
             row[h] = z * sigmoid(z)
-
-
-@compiled
-def output(row, w, b):
-    """Return w . row + b, a single output."""
-    total = b
-    for h in range(len(row)):
-        total += w[h] * row[h]
-    return total
 
 
 @compiled
@@ -239,18 +281,19 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, room, out):
     """
     base, width, parts = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1]
     k = base + cells
-    inputs = base + len(centres)
+    inputs = base + centres.shape[1]
     w1, b1, w2, b2, w3, b3 = layers(f_row, inputs, width)
     rows = len(zeta)
+    if not s.finite:
+        slopes(s, zeta, j_row, centres, cells, room)
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)
     hidden, hidden2 = shaped(room.first, rows, width), shaped(room.second, rows, width)
     relu_layer(x, w1[:k], b1, hidden)
     relu_layer(hidden, w2, b2, hidden2)
     raw = shaped(room.outputs, rows, len(w3))
-    np.dot(hidden2, w3.T, raw)
-    if not s.finite:
-        slopes(s, zeta, j_row, centres, cells, room)
+    if rows > FEW:  # else only what is open, below
+        np.dot(hidden2, w3.T, raw)
     count = 0
     for r in range(rows):
         d = drive(s, zeta[r], room.own)
@@ -259,6 +302,9 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, room, out):
             if not open_[r, m]:
                 continue
             o = m * (parts + 1)
+            if rows <= FEW:
+                for v in range(o, o + parts + 1):
+                    raw[r, v] = output(hidden2[r], w3[v], ZERO)
             tau = (raw[r, o + parts] + b3[o + parts]) * s.unit[parts]
             tau = min(max(tau, s.dt), LONGEST)
             ahead = room.ahead[count]
@@ -290,7 +336,7 @@ def deviations(s, zeta, j_row, centres, cells, room):
     """Leave Jn of zeta (b, D), drive units, in room.outputs."""
     base, rows = len(s.plain) + 2 * len(s.angle), len(zeta)
     k = base + cells
-    w1, b1, w2, b2, w3, b3 = layers(j_row, base + len(centres), s.width)
+    w1, b1, w2, b2, w3, b3 = layers(j_row, base + centres.shape[1], s.width)
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)
     hidden, hidden2 = shaped(room.first, rows, s.width), shaped(room.second, rows, s.width)
@@ -305,30 +351,30 @@ def slopes(s, zeta, j_row, centres, cells, room):
     """Leave dJn/dzeta of zeta (b, D) in room.slope."""
     base, rows, width = len(s.plain) + 2 * len(s.angle), len(zeta), s.width
     k = base + cells
-    w1, b1, w2, b2, w3, _ = layers(j_row, base + len(centres), width)
+    w1, b1, w2, b2, w3, _ = layers(j_row, base + centres.shape[1], width)
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)
     z1, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
     z2, back = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
-    np.dot(x, w1[:k], z1)
+    product(x, w1[:k], z1)
     for r in range(rows):
         for h in range(width):
             z1[r, h] += b1[h]
             h1[r, h] = z1[r, h] * sigmoid(z1[r, h])
-    np.dot(h1, w2, z2)
+    product(h1, w2, z2)
     for r in range(rows):
         for h in range(width):
             z = z2[r, h] + b2[h]
             g = sigmoid(z)
             z2[r, h] = s.spread_j * w3[0, h] * g * (ONE + z * (ONE - g))
-    np.dot(z2, w2.T, back)
+    product_back(z2, w2, back)
     for r in range(rows):
         for h in range(width):
             z = z1[r, h]
             g = sigmoid(z)
             back[r, h] *= g * (ONE + z * (ONE - g))
     towards = shaped(room.inputs, 2 * rows, k)[rows:]
-    np.dot(back, w1[:k].T, towards)
+    product_back(back, w1[:k], towards)
     for r in range(rows):
         row = room.slope[r]
         row[:] = ZERO
@@ -341,8 +387,8 @@ def slopes(s, zeta, j_row, centres, cells, room):
             at += 1
         for c in range(cells):
             pull = towards[r, base + c] * x[r, base + c] * s.sharp
-            row[s.place[0]] += pull * (centres[c, 0] - zeta[r, s.place[0]])
-            row[s.place[1]] += pull * (centres[c, 1] - zeta[r, s.place[1]])
+            row[s.place[0]] += pull * (centres[0, c] - zeta[r, s.place[0]])
+            row[s.place[1]] += pull * (centres[1, c] - zeta[r, s.place[1]])
 
 
 @compiled
@@ -359,7 +405,7 @@ def tangents(s, zeta, x, rate, centres, tangent):
             tangent[r, at + len(s.angle)] = math.cos(zeta[r, p]) * rate[r, p]
             at += 1
         for c in range(x.shape[1] - base):
-            gap_x, gap_y = centres[c, 0] - zeta[r, s.place[0]], centres[c, 1] - zeta[r, s.place[1]]
+            gap_x, gap_y = centres[0, c] - zeta[r, s.place[0]], centres[1, c] - zeta[r, s.place[1]]
             nearing = gap_x * rate[r, s.place[0]] + gap_y * rate[r, s.place[1]]
             tangent[r, base + c] = x[r, base + c] * s.sharp * nearing
 
@@ -435,7 +481,7 @@ def imagine(s, zeta, uniform, normal, m):
 def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
     """Return L_f and fill its gradient g (P,): the squared error of the executed movement's predicted change."""
     base, width, parts, rows = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1], len(zeta)
-    k, inputs = base + cells, base + len(centres)
+    k, inputs = base + cells, base + centres.shape[1]
     w1, b1, w2, b2, w3, b3 = layers(f_row, inputs, width)
     g1, gb1, g2, gb2, g3, gb3 = layers(g, inputs, width)
     x = shaped(room.inputs, rows, k)
@@ -473,13 +519,13 @@ def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
         for h in range(width):
             up[h] = up[h] if row[h] > ZERO else ZERO
     sum_rows(back2, gb2)
-    np.dot(h1.T, back2, g2)
-    np.dot(back2, w2.T, back1)
+    product_across(h1, back2, g2)
+    product_back(back2, w2, back1)
     for r in range(rows):
         for h in range(width):
             back1[r, h] = back1[r, h] if h1[r, h] > ZERO else ZERO
     sum_rows(back1, gb1)
-    np.dot(x.T, back1, g1[:k])
+    product_across(x, back1, g1[:k])
     return loss
 
 
@@ -491,7 +537,7 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
     printed) it lacks dJ/dzeta . f, which is added here along `rate` (b, D) and differentiated too.
     """
     base, width, b = len(s.plain) + 2 * len(s.angle), s.width, len(zeta)
-    k, inputs = base + cells, base + len(centres)
+    k, inputs = base + cells, base + centres.shape[1]
     printed = not (s.finite or s.minimum)
     rows = 2 * b if printed else b  # the states, and below them their tangents
     w1, b1, w2, b2, w3, b3 = layers(j_row, inputs, width)
@@ -502,9 +548,9 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
         tangents(s, zeta, x[:b], rate, centres, x[b:])
     z1, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
     z2, h2 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
-    np.dot(x, w1[:k], z1)
+    product(x, w1[:k], z1)
     activate(z1, b1, h1, b)
-    np.dot(h1, w2, z2)
+    product(h1, w2, z2)
     activate(z2, b2, h2, b)
     known = 0
     for r in range(b):
@@ -533,11 +579,11 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
                 h2[b + r, h] = e * w3[0, h]
     deactivate(z2, h2, b)
     sum_rows(h2[:b], gb2)
-    np.dot(h1.T, h2, g2)
-    np.dot(h2, w2.T, h1)
+    product_across(h1, h2, g2)
+    product_back(h2, w2, h1)
     deactivate(z1, h1, b)
     sum_rows(h1[:b], gb1)
-    np.dot(x.T, h1, g1[:k])
+    product_across(x, h1, g1[:k])
     return loss
 
 
@@ -594,7 +640,7 @@ def decide(s, brains, slots, zeta, open_, out):
     """Fill out (k, M) with the scores of the agents `slots` (k,) at zeta (k, D), infinity where not open."""
     base = len(s.plain) + 2 * len(s.angle)
     parts = zeta.shape[1]
-    room = room_for(s, s.movements, parts, s.movements * (parts + 1), base + brains.cell_centre.shape[1], 1)
+    room = room_for(s, s.movements, parts, s.movements * (parts + 1), base + brains.cell_centre.shape[2], 1)
     for r in range(len(slots)):
         i = slots[r]
         scores(
@@ -616,7 +662,7 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
     parts, capacity = ring.zeta.shape[2], ring.zeta.shape[1]
     b, bf, m = draws.batch, draws.batch_f, draws.imagined
     base = len(s.plain) + 2 * len(s.angle)
-    inputs, width = base + brains.cell_centre.shape[1], s.width
+    inputs, width = base + brains.cell_centre.shape[2], s.width
     outputs = s.movements * (parts + 1)
     room = room_for(s, max(b * s.movements, bf), parts, outputs, inputs, b)
     g_f, g_j = np.zeros(brains.f.shape[1], F), np.zeros(brains.J.shape[1], F)
@@ -671,7 +717,7 @@ def executed(s, zeta, movement, f_row, centres, cells, room, pace):
     """Fill pace (b, D) with f, per unit of time, of the movement executed at each zeta (b, D)."""
     base, width, parts, rows = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1], len(zeta)
     k = base + cells
-    w1, b1, w2, b2, w3, b3 = layers(f_row, base + len(centres), width)
+    w1, b1, w2, b2, w3, b3 = layers(f_row, base + centres.shape[1], width)
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)
     h1, h2 = shaped(room.first, rows, width), shaped(room.second, rows, width)
@@ -688,7 +734,7 @@ def executed(s, zeta, movement, f_row, centres, cells, room, pace):
 @compiled
 def value_at(s, brains, slot, zeta):
     """Return Jn (m,) of one agent at zeta (m, D)."""
-    parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[1]
+    parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
     room = room_for(s, len(zeta), parts, 1, inputs, 1)
     deviations(s, zeta, brains.J[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
     return room.outputs[: len(zeta)].copy()
@@ -697,7 +743,7 @@ def value_at(s, brains, slot, zeta):
 @compiled
 def slope_at(s, brains, slot, zeta):
     """Return dJn/dzeta (m, D) of one agent at zeta (m, D)."""
-    parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[1]
+    parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
     room = room_for(s, len(zeta), parts, 1, inputs, len(zeta))
     slopes(s, zeta, brains.J[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
     return room.slope
@@ -708,8 +754,8 @@ def forecast_at(s, brains, slot, zeta):
     """Return f's outputs (m, M (D + 1)) of one agent at zeta (m, D), in its units."""
     base, parts, rows = len(s.plain) + 2 * len(s.angle), zeta.shape[1], len(zeta)
     centres, cells = brains.cell_centre[slot], brains.cell_count[slot]
-    w1, b1, w2, b2, w3, b3 = layers(brains.f[slot], base + len(centres), s.width)
-    room = room_for(s, rows, parts, len(w3), base + len(centres), rows)
+    w1, b1, w2, b2, w3, b3 = layers(brains.f[slot], base + centres.shape[1], s.width)
+    room = room_for(s, rows, parts, len(w3), base + centres.shape[1], rows)
     k = base + cells
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)

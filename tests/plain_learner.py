@@ -83,7 +83,7 @@ class PlainAgent:
         parts = [(zeta - self.centre)[:, self.plain] / self.scale[self.plain], angle.cos(), angle.sin()]
         cells = self.learner.cells
         if cells:
-            centres = torch.from_numpy(self.learner.cell_centre[self.slot])
+            centres = torch.from_numpy(self.learner.cell_centre[self.slot].T)
             gap = (zeta[:, None, self.place] - centres).square().sum(-1)
             on = torch.arange(cells) < int(self.learner.cell_count[self.slot])
             parts.append(torch.where(on, (-0.5 * gap / self.s.place_width**2).clamp(min=-30).exp(), 0.0))

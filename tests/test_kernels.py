@@ -25,6 +25,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "without target network and weight": {**SMALL, "target_network": False, "relative_weight": False},
     "without the min": {**SMALL, "minimum_in_loss": False},
     "first-order score": {**SMALL, "finite_difference": False},
+    "lean": {**hjb.LEAN, "place_cells": 8, "memory": 60},
     "nothing imagined": {**SMALL, "imagined": 0.0},
 }
 
