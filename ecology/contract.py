@@ -167,7 +167,7 @@ def dicts_and_arrays_agree(scenario: Scenario, ticks: int) -> None:
         living = of_dicts.agents
         _same(len(living), np.count_nonzero(before.alive), f"tick {t}: the count of agents")
         names = {int(slot): name for slot, name in zip(np.flatnonzero(before.alive), living, strict=True)}
-        five = of_dicts.step({name: int(actions[slot]) for slot, name in names.items()})
+        five: tuple[Any, ...] = of_dicts.step({name: int(actions[slot]) for slot, name in names.items()})
         names |= {int(slot): of_arrays.name_of(int(slot)) for slot in np.flatnonzero(tick.born)}
         for part, word in zip(five, ("observations", "rewards", "terminations", "truncations", "infos"), strict=True):
             _same(sorted(map(str, part)), sorted(names.values()), f"tick {t}: the agents in {word}")
