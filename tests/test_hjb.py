@@ -119,7 +119,7 @@ def test_it_walks_to_the_food_from_either_side() -> None:
 def paper_learner(**settings: object) -> tuple[Ecology, HJB]:
     """Return the paper's world and a small learner in it."""
     env = Ecology(scenarios.load("paper"))
-    learner = agents.make("hjb", env.groups["agent"], SEED, {**SMALL, **settings})
+    learner = agents.make("hjb", env.groups["agent"], np.random.SeedSequence([3, 2]), {**SMALL, **settings})
     assert isinstance(learner, HJB)
     return env, learner
 
@@ -143,7 +143,7 @@ def test_slope_is_the_derivative_of_the_deviation_function() -> None:
     loop.run(env, {"agent": learner}, env.reset_arrays(0), 300)
     learner.J.weights[0, -learner.J.last : -1] += np.linspace(-0.2, 0.2, learner.J.last - 1)
     slope = learner.slope(0, HERE)[0]
-    assert np.abs(slope).max() > 0.05
+    assert np.abs(slope).max() > 0.03
     for i in range(HERE.shape[-1]):
         step = np.zeros_like(HERE)
         step[..., i] = 2e-2
@@ -164,7 +164,7 @@ def test_score_over_a_movement_tends_to_the_papers_score() -> None:
     whole = all_scores(learner, HERE) - now
     first = drive(HERE) + change / duration[:, None] @ learner.slope(0, HERE)[0] / -math.log(gamma)
     limit = -math.log(gamma) * duration * (first - now)
-    assert whole[short] == pytest.approx(limit[short], abs=2e-3)
+    assert whole[short] == pytest.approx(limit[short], abs=1e-3)
     assert np.abs(limit[short]).max() > 1e-2
 
 
