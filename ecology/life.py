@@ -27,11 +27,13 @@ def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) 
         heading = np.full(count, float(species.heading))
     else:
         heading = rng.uniform(-np.pi, np.pi, count)
-    return position, heading
+    return plane_of(arena).home(position), heading
 
 
 def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:
     """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
+    if not count:
+        return np.empty((0, 2))
     import shapely  # slow to load, needed at births only
 
     margin = margin if arena.walls else 0.0
@@ -53,7 +55,7 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
         found.append(kept)
         have += len(kept)
         fruitless = 0 if len(kept) else fruitless + 1
-    return np.concatenate(found)[:count] if found else np.empty((0, 2))
+    return np.concatenate(found)[:count]
 
 
 # ---- births ----------------------------------------------------------------------------------
