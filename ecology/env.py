@@ -639,6 +639,24 @@ class Ecology(ParallelEnv):
             raise EcologyError("the world has not started: call reset before step.")
         return self._state
 
+    # ---- for those who watch ---------------------------------------------------------------
+
+    def sighted(self, slot: int) -> Ints:
+        """Return the slots of the others whom the agent in `slot` sees now, (k,); none where its species looks not."""
+        around = self._around
+        if around.pairs is None or around.seen is None:
+            return np.empty(0, np.int64)
+        return around.pairs.other[around.seen & (around.pairs.who == slot)]
+
+    def coupling(self, species: str) -> tuple[Floats, Ints] | None:
+        """Return who of `species` feels whom now and how much, (n, m), and the m slots of those who may be felt."""
+        around, state = self._around, self._now()
+        for coupling in self._couplings:
+            if coupling.rows == self.groups[species].slots:
+                weight = empathy.matrix(coupling, state, self._plane, around.pairs, around.seen, self._ring)
+                return weight, coupling.others
+        return None
+
     # ---- putting a world where one wants it ----------------------------------------------
 
     def put(self, **fields: Any) -> Tick:

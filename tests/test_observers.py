@@ -153,7 +153,8 @@ def test_metrics_hold_every_sampled_tick_and_living_agent(tmp_path, world):
     expected = [(tick, slot) for tick in range(5, TICKS + 1, 5) for slot in np.flatnonzero(witness.states[tick].alive)]
     assert len(rows) == len(expected)
     for row, (tick, slot) in zip(rows, expected, strict=True):
-        state, group = witness.states[tick], env._group_of[slot]
+        state = witness.states[tick]
+        group = next(g for g in env.groups.values() if g.slots.start <= slot < g.slots.stop)
         species = env.scenario.species[group.index]
         assert (row["tick"], row["time"]) == (tick, state.time)
         assert (row["agent"], row["species"]) == (f"{group.name}_{slot}", group.name)
@@ -288,7 +289,7 @@ def test_a_recording_reads_back(tmp_path):
             "world/walls",
             "world/resources",
             "world/agents/prey",
-            "world/heading/predator",
+            "world/agents/predator",
             "world/trail/prey",
             "focus/prey/deviation",
             "focus/predator/action",
