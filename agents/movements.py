@@ -52,8 +52,8 @@ def adaptive(
     """Return movements with adaptive time steps; lengths in units of time.
 
     A move lasts `stride`, a rest `pause`, a meal, a bite and a gift `meal`, an act one tick, a turn about
-    `bearing` radians, go_to until it arrives, sleep its minimal duration. With `bearings`, turns are not decided alone: a turn toward
-    a bearing and the slowest move forward are one movement.
+    `bearing` radians, go_to until it arrives, sleep its minimal duration. With `bearings`, turns are not
+    decided alone: a turn toward a bearing and the slowest move forward are one movement.
     """
     turns = [i for i, kind in enumerate(group.kinds) if kind == "turn"]
     moves = [i for i, kind in enumerate(group.kinds) if kind == "move"]

@@ -14,8 +14,9 @@ from pettingzoo import ParallelEnv
 from ecology import empathy, life, meetings, neighbours, physiology, resources, senses
 from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
+from ecology.kernels import inside_polygon
 from ecology.meetings import World
-from ecology.physics import Physics, inside_polygon
+from ecology.physics import Physics
 from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.senses import Layout
@@ -504,10 +505,10 @@ class Ecology(ParallelEnv):
             state.available = resources.appear(table, state.available, units, self._rng["availability"])
 
     def _check_actions(self, actions: np.ndarray) -> None:
-        require(
-            actions.shape == (self.size,) and np.issubdtype(actions.dtype, np.integer),
-            f"actions must be {self.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}.",
-        )
+        if actions.shape != (self.size,) or actions.dtype.kind not in "iu":
+            raise EcologyError(
+                f"actions must be {self.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
+            )
         for group in self.groups.values():
             wanted = actions[group.slots]
             if group.size and (wanted.min() < 0 or wanted.max() >= len(group.actions)):
@@ -520,23 +521,12 @@ class Ecology(ParallelEnv):
     def _feel(self) -> None:
         """Renew what bodies feel and see: drive, reach, sight, neighbours and the action masks."""
         state, body, table = self._now(), self._body, self._resources
-        rows = np.arange(self.size)
         # resources in reach and in sight
-        state.inside, state.seen, distance = senses.reach_and_sight(
-            self._eyes, self._plane, state.position, state.heading, state.alive, state.resource_position
-        )
-        if len(state.stock):
-            state.bound_for = np.where(
-                state.inside[rows, state.bound_for] & (state.bound_for >= 0), -1, state.bound_for
-            )
+        state.bound_for = state.bound_for.copy()  # who has arrived is bound for nothing more
         offered = resources.offered(state.stock, state.available)
-        kinds = len(self.scenario.resources)
-        self._here = senses.nearest_of_kind(table.kind, kinds, distance, state.inside & offered)
-        ahead = state.seen.copy()
-        bound = np.flatnonzero(state.bound_for >= 0)
-        ahead[bound, state.bound_for[bound]] = True
-        distance[bound, state.bound_for[bound]] = -1.0  # who is on the way to one goes on to it
-        self._toward = senses.nearest_of_kind(table.kind, kinds, distance, ahead & ~state.inside & offered)
+        state.inside, state.seen, self._here, self._toward, glimpse = senses.find_patches(
+            self._eyes, self._plane, table, len(self.scenario.resources), state, offered
+        )
         # others in reach and in sight
         self._pairs = pairs = (
             neighbours.find(self._plane, state.position, state.alive, self._near) if self._near else None
@@ -552,9 +542,7 @@ class Ecology(ParallelEnv):
         state.own_drive = state.drive = physiology.drive(delta, body.epsilon, body.exponent)
         for coupling in self._couplings:
             self._empathise(coupling, delta, pairs, seen)
-        self._around = senses.Surroundings(
-            table, self._plane, body, self._species_of, self._glimpse(distance, offered), pairs, seen
-        )
+        self._around = senses.Surroundings(table, self._plane, body, self._species_of, glimpse, pairs, seen)
         self._masks = {
             group.name: action_mask(
                 acts,
@@ -569,14 +557,6 @@ class Ecology(ParallelEnv):
             )
             for group, acts in zip(self.groups.values(), self._tables, strict=True)
         }
-
-    def _glimpse(self, distance: Floats, offered: Bools) -> Ints:
-        """Return the nearest patch of each resource with something in it that is seen or stood in, (N, K); -1 none."""
-        if not any(s.sees for s in self.scenario.species):
-            return self._here
-        state = self._now()
-        kept = (state.inside | state.seen) & offered
-        return senses.nearest_of_kind(self._resources.kind, len(self.scenario.resources), np.abs(distance), kept)
 
     def _aim(self, group: Group, table: ActionTable) -> Ints:
         """Return whom bites and gifts would meet, slots (n, A), -1 nobody: the nearest in reach, no wall between."""

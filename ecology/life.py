@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ecology.physics import inside_polygon
+from ecology.kernels import inside_polygon
 from ecology.plane import plane_of
 from ecology.spec import Arena, Birth, Hazard, Species
 from ecology.state import Bools, Floats, Ints

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ecology.kernels import pairs_within
 from ecology.plane import Plane
 from ecology.state import Bools, Floats, Ints
 
@@ -26,23 +27,10 @@ def find(plane: Plane, position: Floats, alive: Bools, radius: float) -> Pairs:
     The cost grows with the pairs, not with N squared, as long as the radius is small in the arena.
     """
     slots = np.flatnonzero(alive)
-    points = position[slots]
-    if radius >= plane.diagonal or (plane.torus and 2 * radius >= plane.size.min()):
-        a, b = np.triu_indices(len(slots), 1)
-    else:
-        from scipy.spatial import cKDTree  # slow to load, needed where someone meets or senses others
-
-        tree = cKDTree(points - plane.low, boxsize=plane.size if plane.torus else None, balanced_tree=False)
-        a, b = tree.query_pairs(radius, output_type="ndarray").T
-    gap = plane.gap(points[a], points[b])
-    distance = np.sqrt(np.einsum("pd,pd->p", gap, gap))
-    near = distance <= radius
-    if not near.all():
-        a, b, gap, distance = a[near], b[near], gap[near], distance[near]
-    who, other = np.concatenate([a, b]), np.concatenate([b, a])
-    both = np.concatenate([distance, distance])
-    order = np.lexsort((other, both, who))
-    return Pairs(slots[who[order]], slots[other[order]], np.concatenate([gap, -gap])[order], both[order])
+    who, other, gap, distance = pairs_within(position[slots], plane.low, plane.size, plane.torus, radius)
+    if len(slots) == len(alive):
+        return Pairs(who, other, gap, distance)
+    return Pairs(slots[who], slots[other], gap, distance)
 
 
 def nearest(pairs: Pairs, kept: Bools, first: int, n: int, k: int) -> Ints:
