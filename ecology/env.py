@@ -138,6 +138,7 @@ class Ecology(ParallelEnv):
         self.agents: list[str] = []
         self._slots: dict[str, int] = {}  # of `agents`, by name
         self._state: State | None = None
+        self._picture: Any = None  # of `render`, drawn upon again and again
         self._seed = 0
 
     def _nearness(self) -> float:
@@ -841,9 +842,11 @@ class Ecology(ParallelEnv):
         """Return a picture of the world, uint8 (height, width, 3), for render_mode "rgb_array"."""
         if self.render_mode is None:
             return None
-        from ecology.observers.picture import draw  # loads the plotting library
+        from ecology.observers.picture import Picture, frame  # loads the plotting library
 
-        return draw(self.scenario, self._now().readonly())
+        if self._picture is None:
+            self._picture = Picture(self.scenario)
+        return self._picture.draw(frame(self.scenario, self._now().readonly()))
 
     def close(self) -> None:
         """Nothing to release."""

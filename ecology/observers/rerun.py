@@ -52,9 +52,10 @@ from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMa
 
 from ecology.env import Ecology, Group, Tick
 from ecology.errors import EcologyError
-from ecology.observers import census, colours, maps
+from ecology.observers import census, colours, maps, shapes
 from ecology.observers.base import Mind
 from ecology.observers.census import Census, Focus, Happening
+from ecology.observers.frame import Frame
 from ecology.observers.viewer import (
     LOOPBACK,
     checked_url,
@@ -90,14 +91,12 @@ QUICK = 512 * 2**20  # bytes up to which a recording is optimised at the end
 BACKGROUND, FLOOR, WALL, INK = (16, 18, 22), (42, 46, 54), (225, 225, 225), (235, 235, 235)
 FAINT = (120, 124, 132)
 MARKED = {"born": INK, "died": INK, "bit": colours.BITING, "gave": colours.GIVING}
-SHAPES = {"born": "ring: born", "died": "cross: died", "bit": "red line: bite", "gave": "green line: gift"}
 ATTEMPTS = 60  # to reach a viewer that was started, half a second apart
 SETTLING = 12.0  # seconds in which a viewer's notices of the start fade and chunks load
 BAR = 35  # height of the viewer's own bar, logical points
 DRIVE_SCALE, MAP_SCALE = "plasma", "viridis"
 STEPS = 64  # of the colour scale of the drive
 COMPASS = 512  # directions in which a heading is drawn, and recorded for the viewer
-SMALL = 0.008  # of the arena: bodies are drawn at least this large
 DETAILS = ("full", "lean")
 DEAD = 255  # action of a slot in which nobody lives
 
@@ -293,7 +292,7 @@ class RerunObserver:
             "action": np.where(acted, state.action, DEAD).astype(np.uint8),
             "steps": np.stack(self._steps),  # (ticks since the last sample, k, 2)
             "resources": state.resource_position.astype(np.float32),
-            "stock": self._fullness(state),
+            "stock": shapes.fullness(scene.scenario, state).astype(np.float32),
             "told": told,
             "happened": self._happened,
             "focus": {name: self._look(name, state, tick) for name in scene.groups},
@@ -309,12 +308,6 @@ class RerunObserver:
         self._sampled += 1
         self._steps, self._happened, self._told = [], [], set()
 
-    def _fullness(self, state: State) -> np.ndarray:
-        """Return how full every patch is, (R,) from 0 to 1; what is not there is empty."""
-        most = np.array([r.most for r in self._scene.scenario.resources for _ in range(r.count)])
-        full = np.divide(state.stock, most, out=np.ones(len(most)), where=np.isfinite(most) & (most > 0))
-        return (np.clip(full, 0.0, 1.0) * state.available).astype(np.float32)
-
     def _look(self, name: str, state: State, tick: Tick | None) -> dict[str, Any]:
         """Return what is shown of the agent in focus of a species."""
         slot, past = self._focus.slots[name], self._past[name]
@@ -325,7 +318,7 @@ class RerunObserver:
         seen = np.concatenate([state.resource_position[state.seen[slot]], state.position[self._env.sighted(slot)]])
         gap = plane_of(self._scene.scenario.arena).gap(state.position[slot], seen)
         shown["sight"] = state.position[slot] + gap
-        shown["field"] = _view_field(species, state.position[slot], float(state.heading[slot]))
+        shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]))
         decision = self._decision(name, tick) if tick is not None else None
         if decision is not None:
             shown["decision"] = decision
@@ -411,16 +404,6 @@ class Past:
         return met
 
 
-def _view_field(species: Species, place: np.ndarray, heading: float) -> np.ndarray:
-    """Return the outline of a view field, (k, 2); nothing where all is seen."""
-    if not math.isfinite(species.view_range):
-        return np.empty((0, 2))
-    half = species.view_angle / 2
-    angle = heading + np.linspace(-half, half, 25)
-    arc = place + species.view_range * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return arc if half >= math.pi - 1e-9 else np.concatenate([place[None], arc, place[None]])
-
-
 def _mean(value: np.ndarray) -> float:
     value = value[np.isfinite(value)]
     return float(value.mean()) if value.size else np.nan
@@ -470,8 +453,7 @@ class Scene:
     @property
     def _size(self) -> float:
         """Return the longer side of the arena."""
-        low, high = np.array(self.scenario.arena.extent)
-        return float((high - low).max())
+        return shapes.size(self.scenario)
 
     @property
     def _stocked(self) -> list[str]:
@@ -529,15 +511,7 @@ class Scene:
         found = [(name, self.colour(name)) for name in self.groups] if self.mixed else []
         shades = colours.resource_colours(self.scenario)
         found += [(r.name, s) for r, s in zip(self.scenario.resources, shades, strict=True) if r.count > 1]
-        kinds = {a.kind for s in self.scenario.species for a in s.actions}
-        for kind, there in (
-            ("born", self.grows),
-            ("died", self.grows or self.crowd),
-            ("bit", "bite" in kinds),
-            ("gave", "give" in kinds),
-        ):
-            if there:
-                found.append((SHAPES[kind], MARKED[kind]))
+        found += [(shapes.KINDS[kind], MARKED[kind]) for kind in shapes.marked(self.scenario)]
         return found
 
     def _rows(self) -> list[list[tuple[float, str, colours.Colour]]]:
@@ -576,8 +550,8 @@ class Scene:
             _write(rec, f"world/legend/{i}/words", middle, [word for _, word, _ in row])
 
     def radius(self, species: Species) -> float:
-        """Return the radius with which a body is drawn: its own, but never too small to be seen."""
-        return max(species.radius, SMALL * self._size)
+        """Return the radius with which a body is drawn."""
+        return shapes.radius(self.scenario, species)
 
     def _open_species(self, rec: rr.RecordingStream, name: str, species: Species) -> None:
         colour, radius = self.colour(name), self.radius(species)
@@ -876,14 +850,14 @@ class Scene:
         self, rec: rr.RecordingStream, times: list[rr.TimeColumn], samples: Sequence[Mapping[str, Any]]
     ) -> None:
         """Mark births, deaths, bites and gifts where they happened since the last sample."""
-        radius = max(self.radius(species) for species in self.scenario.species)
+        wide = max(self.radius(species) for species in self.scenario.species)
         for kind in MARKED:
             found = [[e for e in s["happened"] if e.kind == kind] for s in samples]
             if not any(found):
                 continue
             strips, lengths = [], []
             for events in found:
-                mine = [strip for e in events for strip in _mark(kind, e, radius)][: 2 * MARKS]
+                mine = [strip for e in events for strip in shapes.mark(kind, e.place, e.other_place, wide)][: 2 * MARKS]
                 strips += mine
                 lengths.append(len(mine))
             rec.send_columns(f"world/marks/{kind}", times, rr.LineStrips2D.columns(strips=strips).partition(lengths))
@@ -1239,18 +1213,6 @@ def _table(name: str, decision: Mapping[str, Any]) -> str:
     return "\n".join(rows)
 
 
-def _mark(kind: str, event: Happening, radius: float) -> list[np.ndarray]:
-    """Return the strips that mark the events of a happening: rings, crosses, lines from one to the other."""
-    if kind == "born":
-        angle = np.linspace(0, 2 * np.pi, 9)
-        ring = 2.0 * radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return [place + ring for place in event.place]
-    if kind == "died":
-        arm = 1.5 * radius * np.array([[-1.0, -1.0], [1.0, 1.0]])
-        return [place + way for place in event.place for way in (arm, arm * [1, -1])]
-    return [np.stack(ends) for ends in zip(event.place, event.other_place, strict=True)]
-
-
 def _round_step(least: float) -> float:
     """Return 1, 2 or 5 times a power of ten, at least `least`."""
     power = 10.0 ** np.floor(np.log10(least))
@@ -1406,6 +1368,87 @@ def recording_id(path: Path) -> str:
         raise EcologyError(
             f"the recording {str(path)!r} is damaged ({error}); move it away to go on with a new one."
         ) from error
+
+
+def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: int | None = None) -> list[Frame]:
+    """Return what was recorded of a run (its folder or recording) from the tick `first` to `last`, both included.
+
+    Without `first`, as many ticks as a film has by default. Drives are as fine as their colours.
+    """
+    from ecology.observers.film import FRAMES
+
+    path = recording_of(Path(run))
+    with tempfile.TemporaryDirectory() as folder:
+        one = whole(path) and not resumed(path).exists()
+        source = path if one else mended(path, Path(folder) / path.name)
+        groups, start = [], 0
+        for species in scenario.species:
+            groups.append((species, slice(start, start + species.slots)))
+            start += species.slots
+        known = [_column(source, f"/world/agents/{s.name}", "Points2D:positions") for s, rows in groups if s.slots]
+        ticks = np.array(sorted({tick for column in known for tick in column}), int)
+        ticks = ticks[(ticks >= (first or 0)) & (ticks <= (np.inf if last is None else last))]
+        ticks = ticks[-FRAMES:] if first is None else ticks
+        shape = (len(ticks), start)
+        place, angle, drive = np.full((*shape, 2), np.nan), np.zeros(shape), np.zeros(shape)
+        top = colours.highest_drive(scenario)
+        for species, rows in groups:
+            entity = f"/world/agents/{species.name}"
+            parts = [_column(source, entity, name) for name in ("Points2D:positions", "Arrows2D:vectors")]
+            level = _column(source, entity, "Points2D:class_ids") or _column(source, entity, "Arrows2D:class_ids")
+            for i, tick in enumerate(ticks if species.slots else ()):
+                place[i, rows] = np.reshape(parts[0][tick], (-1, 2))
+                way = np.reshape(parts[1][tick], (-1, 2))
+                angle[i, rows] = np.arctan2(way[:, 1], way[:, 0])
+                drive[i, rows] = np.asarray(level[tick]) * top / (STEPS - 1)
+        patches = _column(source, "/world/resources", "Ellipses2D:centers")
+        stock = _column(source, "/world/resources/stock", "Points2D:radii")
+        marks = {kind: _column(source, f"/world/marks/{kind}", "LineStrips2D:strips") for kind in MARKED}
+    time_of = scenario.dt * ticks
+    radii = np.array([r.radius for r in scenario.resources for _ in range(r.count)])
+    found = []
+    for i, tick in enumerate(ticks):
+        full = _latest(stock, tick)
+        found.append(
+            Frame(
+                tick=int(tick),
+                time=float(time_of[i]),
+                position=place[i],
+                heading=angle[i],
+                drive=drive[i],
+                patches=np.reshape(_latest(patches, tick), (-1, 2)) if patches else np.empty((0, 2)),
+                full=np.ones(len(radii)) if full is None else (np.asarray(full) / radii) ** 2,
+                marks={k: [np.reshape(strip, (-1, 2)) for strip in of.get(int(tick), ())] for k, of in marks.items()},
+            )
+        )
+    return found
+
+
+def _column(path: Path, entity: str, component: str) -> dict[int, Any]:
+    """Return the values of a component of a recording by tick, in order."""
+    from rerun.chunk import RrdReader
+
+    found: dict[int, Any] = {}
+    for chunk in RrdReader(str(path)).stream().filter(content=entity, components=component, is_static=False):
+        batch = chunk.to_record_batch()
+        ticks, values = batch.column("tick").to_pylist(), batch.column(component)
+        found |= {tick: _plain(values[i].values) for i, tick in enumerate(ticks) if values[i].is_valid}
+    return dict(sorted(found.items()))
+
+
+def _plain(values: Any) -> Any:
+    """Return an Arrow array as NumPy, nested ones of one length flattened; strips of points as a list of those."""
+    if pa.types.is_list(values.type):
+        return [_plain(each.values) for each in values]
+    if pa.types.is_fixed_size_list(values.type):
+        return _plain(values.flatten())
+    return values.to_numpy(zero_copy_only=False)
+
+
+def _latest(column: Mapping[int, Any], tick: int) -> Any:
+    """Return the last value at or before `tick`, None without."""
+    before = [at for at in column if at <= tick]
+    return column[before[-1]] if before else None
 
 
 def screenshot(
