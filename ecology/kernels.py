@@ -295,3 +295,78 @@ def open_actions(
         if not some:
             mask[i, rest] = True  # a body whose thresholds close everything can still do nothing
     return mask
+
+
+@numba.njit(cache=True)
+def nearest_seen(
+    starts: Ints,
+    other: Ints,
+    gap: Floats,
+    distance: Floats,
+    first: int,
+    n: int,
+    k: int,
+    wanted: Bools,
+    species_of: Ints,
+    position: Floats,
+    heading: Floats,
+    half_angle: Floats,
+    range_: Floats,
+    wall_from: Floats,
+    wall_along: Floats,
+    open_: bool,
+) -> Ints:
+    """Return the k nearest pairs that n slots from `first` on see, of the species `wanted` (S,): (n, k), -1 none.
+
+    The pairs of slot i are those from `starts` (N + 1,) of i on; the rest as in `in_view`.
+    """
+    found = np.full((n, k), -1)
+    for row in range(n):
+        i = first + row
+        have = 0
+        for p in range(starts[i], starts[i + 1]):
+            if distance[p] > range_[i] or have == k:
+                break
+            j = other[p]
+            if not wanted[species_of[j]]:
+                continue
+            if half_angle[i] < math.pi:
+                turn = math.atan2(gap[p, 1], gap[p, 0]) - heading[i]
+                if abs((turn + math.pi) % (2 * math.pi) - math.pi) > half_angle[i] + 1e-12:
+                    continue
+            if not open_ and not clear_lines(position[i : i + 1], position[j : j + 1], wall_from, wall_along)[0]:
+                continue
+            found[row, have] = p
+            have += 1
+    return found
+
+
+@numba.njit(cache=True)
+def in_reach(
+    starts: Ints,
+    other: Ints,
+    distance: Floats,
+    first: int,
+    n: int,
+    reach: float,
+    wanted: int,
+    species_of: Ints,
+    position: Floats,
+    wall_from: Floats,
+    wall_along: Floats,
+    open_: bool,
+) -> Ints:
+    """Return whom of the species `wanted` is nearest in `reach`, no wall between, for n slots from `first` on: (n,)."""
+    found = np.full(n, -1)
+    for row in range(n):
+        i = first + row
+        for p in range(starts[i], starts[i + 1]):
+            j = other[p]
+            if distance[p] > reach:
+                break
+            if species_of[j] == wanted and (
+                open_ or clear_lines(position[i : i + 1], position[j : j + 1], wall_from, wall_along)[0]
+            ):
+                found[row] = j
+                break
+    return found

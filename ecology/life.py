@@ -26,7 +26,7 @@ def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) 
         heading = np.full(count, float(species.heading))
     else:
         heading = rng.uniform(-np.pi, np.pi, count)
-    return position, heading
+    return plane_of(arena).home(position), heading
 
 
 def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:

@@ -19,6 +19,7 @@ class Pairs:
     other: Ints  # (P,)
     gap: Floats  # (P, 2) from who to other
     distance: Floats  # (P,) between the centres
+    starts: Ints  # (N + 1,) first pair of every slot
 
 
 def find(plane: Plane, position: Floats, alive: Bools, radius: float) -> Pairs:
@@ -28,19 +29,6 @@ def find(plane: Plane, position: Floats, alive: Bools, radius: float) -> Pairs:
     """
     slots = np.flatnonzero(alive)
     who, other, gap, distance = pairs_within(position[slots], plane.low, plane.size, plane.torus, radius)
-    if len(slots) == len(alive):
-        return Pairs(who, other, gap, distance)
-    return Pairs(slots[who], slots[other], gap, distance)
-
-
-def nearest(pairs: Pairs, kept: Bools, first: int, n: int, k: int) -> Ints:
-    """Return the k nearest among the pairs `kept` (P,) of n slots from `first` on: indices of pairs (n, k), -1 none."""
-    found = np.full((n, k), -1)
-    at = np.flatnonzero(kept)
-    if at.size:
-        who = pairs.who[at] - first
-        starts = np.searchsorted(who, np.arange(n))  # pairs are ordered by who
-        rank = np.arange(len(at)) - starts[who]
-        close = rank < k
-        found[who[close], rank[close]] = at[close]
-    return found
+    if len(slots) < len(alive):
+        who, other = slots[who], slots[other]
+    return Pairs(who, other, gap, distance, np.searchsorted(who, np.arange(len(alive) + 1)))

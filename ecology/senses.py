@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ecology.empathy import own_weights
-from ecology.kernels import around, clear_lines, in_view
-from ecology.neighbours import Pairs, nearest
+from ecology.kernels import around, clear_lines, in_view, nearest_seen
+from ecology.neighbours import Pairs
 from ecology.physiology import Body
 from ecology.plane import Plane, plane_of
 from ecology.resources import ResourceTable
@@ -170,7 +170,7 @@ class Surroundings:
     species_of: Ints  # (N,)
     nearest_patch: Ints  # (N, K) nearest patch of each resource that is seen or stood in, -1 without
     pairs: Pairs | None
-    seen: Bools | None  # (P,) pairs in the view field of who, with no wall between
+    eyes: Eyes
 
 
 def observe(gaze: Gaze, state: State, around: Surroundings, day: float | None) -> np.ndarray:
@@ -219,15 +219,16 @@ def _observe_others(
     columns: Ints,
 ) -> int:
     """Write what is sensed of others into zeta (n, D) from `column` on, and return the column after it."""
-    pairs, seen = around.pairs, around.seen
+    pairs, eyes = around.pairs, around.eyes
     assert pairs is not None
-    assert seen is not None
-    first, n = gaze.rows.start, len(zeta)
-    kept = seen & (pairs.who >= first) & (pairs.who < first + n)
-    index = np.full(1 + int(around.species_of.max()), -1)
+    n = len(zeta)
+    index = np.full(1 + int(max(kinds.max(), around.species_of.max())), -1)
     index[kinds] = np.arange(len(kinds))
-    kept &= index[around.species_of[pairs.other]] >= 0
-    found = nearest(pairs, kept, first, n, sensed.count)  # (n, k)
+    found = nearest_seen(
+        pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, index >= 0,
+        around.species_of, state.position, state.heading, eyes.half_angle, eyes.range, eyes.wall_from,
+        eyes.wall_along, eyes.open,
+    )  # (n, k)  # fmt: skip
     each = 2 + sensed.heading + (len(kinds) if len(kinds) > 1 else 0) + columns.shape[1]
     block = zeta[:, column : column + each * sensed.count].reshape(n, sensed.count, each)
     block[..., 0] = gaze.far
@@ -249,7 +250,7 @@ def _observe_others(
             need = columns[kind, w]
             delta = state.internal[other, need] - around.body.set_point[other, need]
             block[row, place, c + w] = np.where(need >= 0, delta, 0.0)
-    zeta[:, column : column + each * sensed.count] = block.reshape(n, -1)
+    zeta[:, column : column + each * sensed.count] = block.reshape(n, each * sensed.count)
     return column + each * sensed.count
 
 

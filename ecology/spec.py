@@ -542,6 +542,8 @@ class Empathy:
             self.form == "sum" or 0 <= self.weight <= 1,
             f"Empathy: in the average form, weight is a share from 0 to 1, got {self.weight!r}.",
         )
+        for row in self.matrix or ():
+            _finite("Empathy", **{f"matrix[{j}]": w for j, w in enumerate(row)})
         require(self.within > 0, f"Empathy: within must be positive, got {self.within!r}.")
         require(
             self.lesion in ("none", "off", "sham", "shuffled"),
@@ -594,6 +596,10 @@ class Species:
         )
         _finite(owner, arrival=self.arrival)
         require(self.arrival >= 0, f"{owner}: arrival must not be negative, got {self.arrival!r}.")
+        require(
+            self.arrival == 0 or self.slots > 0,
+            f"{owner}: newcomers arrive, but nobody has room; give a capacity above 0, got {self.capacity!r}.",
+        )
         _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon, **self.collapse)
         _finite(owner, drive_exponent=self.drive_exponent)
         if self.heading is not None:

@@ -35,6 +35,7 @@ REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
 RECORD = "on"  # what a bare --record stands for
+CHECKED = 200  # ticks of a life in `ecology check`
 SKIPPED = 1_000  # ticks of a life from birth that are not measured, or its first tenth if that is less
 
 app = typer.Typer(
@@ -107,6 +108,29 @@ def new(name: Annotated[str, typer.Argument(help="A Python word; NAME.py is writ
     except OSError as error:
         raise EcologyError(f"the file {str(path)!r} cannot be written: {error.strerror}.") from error
     print(f"{path} is written. Run it with: ecology run {path}")
+
+
+# ---- check -----------------------------------------------------------------------------------
+
+
+@app.command()
+def check(
+    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
+    ticks: Annotated[int, typer.Option(min=1, help="Length of every life that is looked at.")] = CHECKED,
+) -> None:
+    """Hold a scenario to the contract that every scenario keeps; exit code 1 where it is broken."""
+    from ecology import contract  # needed by this command only
+
+    broken = 0
+    for holds, reason in contract.check(scenarios.load(scenario), ticks):
+        print(f"{'FAIL' if reason else 'pass'}  {holds}", flush=True)
+        if reason:
+            broken += 1
+            print(f"      {reason}")
+    if broken:
+        print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
+        raise typer.Exit(1)
+    print(f"{scenario} keeps the contract, over {ticks} ticks and {len(contract.CHECKS)} points.")
 
 
 # ---- run -------------------------------------------------------------------------------------

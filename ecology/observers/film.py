@@ -62,7 +62,7 @@ def check(target: Path, fps: float) -> None:
 def _gif(target: Path, pictures: Iterable[np.ndarray], fps: float) -> None:
     from PIL import Image
 
-    first, *rest = (Image.fromarray(p).quantize(128, dither=Image.Dither.NONE) for p in pictures)
+    first, *rest = (Image.fromarray(p).quantize(dither=Image.Dither.NONE) for p in pictures)
     first.save(target, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
 
 

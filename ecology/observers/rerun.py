@@ -558,7 +558,8 @@ class Scene:
         body = f"world/agents/{name}"
         # the other one is coloured by class: the drive
         of_body, of_arrow = ([colour], None) if self.mixed else (None, [colour])
-        rec.log(body, rr.Points2D.from_fields(radii=radius, colors=of_body, draw_order=20), static=True)
+        points = rr.Points2D.from_fields(radii=radius, colors=of_body, show_labels=False, draw_order=20)
+        rec.log(body, points, static=True)
         rec.log(body, rr.Arrows2D.from_fields(radii=0.2 * radius, colors=of_arrow), static=True)
         trail = colours.shaded(colour, 0.6)
         rec.log(f"world/trail/{name}", rr.Points2D.from_fields(radii=0.25 * radius, colors=[trail], draw_order=10),
