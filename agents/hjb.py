@@ -41,6 +41,7 @@ ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
 ZETA = 2.0  # exponent of the law of the length of explored walks
 BLANK = {"movement": -1, "loss_f": math.nan, "loss_j": math.nan}  # of a life that begins; all else 0
 TRAIL = 64  # ticks of a movement whose states are kept on the way
+NEAR = 0.05  # ticks over which a slope is taken where it is shown
 POLYAK = 0.1  # share by which the target network follows J per update
 
 Weights = Sequence[Tensor]
@@ -667,7 +668,11 @@ class HJB(Learner):
 
         here = float(self.deviation(slot, zeta[None])[0])
         ahead = self.deviation(slot, after.astype(np.float32))
-        slope = (ahead - here) / (-np.log(s.gamma) * step)
+        if whole:
+            slope = (ahead - here) / (-np.log(s.gamma) * step)
+        else:
+            ends = [self.deviation(slot, (zeta + way * (after - zeta)).astype(np.float32)) for way in (NEAR, -NEAR)]
+            slope = (ends[0] - ends[1]) / (-np.log(s.gamma) * 2 * NEAR * step)
         keep = s.gamma**duration
         total = drive(after) + slope
         return {

@@ -575,12 +575,8 @@ class Ecology(ParallelEnv):
 
     def _empathise(self, coupling: empathy.Coupling, delta: Floats) -> None:
         """Let the state of others enter the drive of one species."""
-        state, body, rows, pairs = self._now(), self._body, coupling.rows, self._pairs
-        seen = None
-        if coupling.empathy.sight and pairs is not None:
-            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
-        weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
-        felt = empathy.feel(coupling, weight, state, body)
+        state, body, rows = self._now(), self._body, coupling.rows
+        felt = empathy.feel(coupling, self._weigh(coupling), state, body)
         state.felt, state.drive = state.felt.copy(), state.drive.copy()
         state.felt[rows] = felt
         if coupling.empathy.form == "sum":
@@ -588,6 +584,13 @@ class Ecology(ParallelEnv):
         else:
             together = coupling.own * delta[rows] + felt
             state.drive[rows] = physiology.drive(together, body.epsilon[rows], body.exponent[rows])
+
+    def _weigh(self, coupling: empathy.Coupling) -> Floats:
+        """Return who of one species feels whom now and how much, (n, m)."""
+        state, pairs, seen = self._now(), self._pairs, None
+        if coupling.empathy.sight and pairs is not None:
+            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
+        return empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
 
     def _look(
         self,
@@ -624,19 +627,17 @@ class Ecology(ParallelEnv):
 
     def sighted(self, slot: int) -> Ints:
         """Return the slots of the others whom the agent in `slot` sees now, (k,); none where its species looks not."""
-        around = self._around
-        if around.pairs is None or around.seen is None:
+        state, pairs = self._now(), self._pairs
+        if pairs is None or not self._looks[slot]:
             return np.empty(0, np.int64)
-        return around.pairs.other[around.seen & (around.pairs.who == slot)]
+        looks = np.arange(self.size) == slot
+        return pairs.other[senses.sight(self._eyes, pairs, state.position, state.heading, looks)]
 
     def coupling(self, species: str) -> tuple[Floats, Ints] | None:
         """Return who of `species` feels whom now and how much, (n, m), and the m slots of those who may be felt."""
-        around, state = self._around, self._now()
-        for coupling in self._couplings:
-            if coupling.rows == self.groups[species].slots:
-                weight = empathy.matrix(coupling, state, self._plane, around.pairs, around.seen, self._ring)
-                return weight, coupling.others
-        return None
+        rows = self.groups[species].slots
+        found = [coupling for coupling in self._couplings if coupling.rows == rows]
+        return (self._weigh(found[0]), found[0].others) if found else None
 
     # ---- putting a world where one wants it ----------------------------------------------
 

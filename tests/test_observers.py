@@ -459,7 +459,7 @@ def test_events_are_told_by_name(tmp_path):
     for species in env.groups:
         ticks, texts = column(path, f"/events/{species}", "TextLog:text")
         seen += [(int(tick), text[0]) for tick, text in zip(ticks, texts, strict=True)]
-    meals = ("ate", "slept", "focus:")
+    meals = (" ate ", " slept", "focus:")
     assert sorted(expected) == sorted(e for e in seen if not any(word in e[1] for word in meals))
     words = " ".join(text for _, text in seen)
     for word in ("born, child", "arrived", "died, eaten", "by chance", "bit", "gave", "ate grass", "slept"):
