@@ -112,7 +112,7 @@ def village(ticks_of_life=60):
         needs=(energy,),
         actions=(ecology.rest(), *ways, ecology.bite("prey", reach=0.8, gain={"energy": 1.0})),
         count=3,
-        arrival=0.02,
+        arrival=0.2,
         capacity=5,
         hazard=ecology.Hazard(rate=0.02),
     )
