@@ -31,6 +31,8 @@ def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) 
 
 def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:
     """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
+    if not count:
+        return np.empty((0, 2))
     import shapely  # slow to load, needed at births only
 
     margin = margin if arena.walls else 0.0
@@ -45,7 +47,7 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
         kept = points[np.any([inside_polygon(p, points) for p in parts], axis=0)]
         found.append(kept)
         have += len(kept)
-    return np.concatenate(found)[:count] if found else np.empty((0, 2))
+    return np.concatenate(found)[:count]
 
 
 # ---- births ----------------------------------------------------------------------------------

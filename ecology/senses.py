@@ -222,7 +222,7 @@ def _observe_others(
     pairs, eyes = around.pairs, around.eyes
     assert pairs is not None
     n = len(zeta)
-    index = np.full(1 + int(max(kinds.max(), around.species_of.max())), -1)
+    index = np.full(1 + int(max(kinds.max(), around.species_of[-1])), -1)
     index[kinds] = np.arange(len(kinds))
     found = nearest_seen(
         pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, index >= 0,

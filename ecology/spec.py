@@ -219,7 +219,7 @@ def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Ac
 
 
 def go_to(resource: str, speed: float, **rest_of: object) -> Action:
-    """Return the walk to `resource`, open while it is seen, not yet reached, and there is some."""
+    """Return the walk to `resource`, open while it is seen and there is some, until one stands in a patch of it."""
     return Action(
         name=f"go_to_{resource}",
         kind="go_to",
@@ -323,7 +323,8 @@ class Resource:
 
     Without further words it is unlimited, fixed and always available. A stock is counted in units
     of intake: what consuming adds to needs is what leaves the stock. Of several patches, each has its
-    own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen.
+    own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen
+    from where there is none.
     """
 
     name: str

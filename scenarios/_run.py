@@ -69,7 +69,7 @@ class Tally:
         self.lived += alive
         self.actions[self._row, tick.action] += alive
         self.deaths += int(np.count_nonzero(tick.died))
-        self.births = state.next_serial - len(alive)
+        self.births += int(np.count_nonzero(tick.born))
         self.closed, self.returned = int(state.closed.sum()), state.returned
 
     def end(self) -> None:
