@@ -11,7 +11,7 @@ import numpy as np
 from ecology.env import Ecology, Group, Tick
 from ecology.scenario import Scenario
 from ecology.spec import require
-from ecology.state import CAUSES, Bools, Floats, Ints, State
+from ecology.state import CAUSES, Floats, Ints, State
 
 KINDS = ("born", "died", "bit", "gave", "ate", "slept")
 EATS, SLEEPS = 1, 2  # codes of actions that are told of when they begin
@@ -57,12 +57,11 @@ class Census:
         self._known = state.alive & (state.tick > 0)  # whose action of the last tick is known
         self.born, self.died = np.zeros(len(groups), np.int64), np.zeros(len(groups), np.int64)
 
-    def watch(self, state: State, tick: Tick) -> list[Happening]:
-        """Return what happened in the tick that led to `state`."""
+    def watch(self, state: State, tick: Tick, only: Ints | None = None) -> list[Happening]:
+        """Return what happened in the tick that led to `state`; meals and sleeps of the slots `only` (k,), or all."""
         found = []
 
-        def tell(kind: str, who: Bools, other: Ints | None = None, what: Ints | None = None) -> None:
-            slot = np.flatnonzero(who)
+        def tell(kind: str, slot: Ints, other: Ints | None = None, what: Ints | None = None) -> None:
             if not slot.size:
                 return
             with_ = np.full(len(slot), -1) if other is None else other[slot]
@@ -82,20 +81,27 @@ class Census:
                 )
             )
 
-        tell("born", tick.born, tick.parent)
-        tell("died", tick.died, None, state.cause)
-        tell("bit", state.bit >= 0, state.bit)
-        same = (state.serial == self._serial) & self._known
-        tell("gave", (state.gave >= 0) & ~(same & (state.gave == self._gave)), state.gave)
-        begun = tick.alive & ~tick.born & ~(same & (tick.action == self._action))
-        code = np.where(begun, self._code[self._species_of, tick.action], 0)
-        tell("ate", code == EATS, None, tick.action)
-        tell("slept", code == SLEEPS, None, tick.action)
+        def begun(slot: Ints, now: Ints, before: Ints) -> Ints:
+            same = (state.serial[slot] == self._serial[slot]) & self._known[slot] & (now[slot] == before[slot])
+            return slot[~same]
+
+        for kind, who, other, what, count in (
+            ("born", tick.born, tick.parent, None, self.born),
+            ("died", tick.died, None, state.cause, self.died),
+        ):
+            slot = np.flatnonzero(who)
+            tell(kind, slot, other, what)
+            if slot.size:
+                count += np.bincount(self._species_of[slot], minlength=len(count))
+        tell("bit", np.flatnonzero(state.bit >= 0), state.bit)
+        tell("gave", begun(np.flatnonzero(state.gave >= 0), state.gave, self._gave), state.gave)
+        acts = np.flatnonzero(tick.alive & ~tick.born) if only is None else only[tick.alive[only] & ~tick.born[only]]
+        acts = begun(acts, tick.action, self._action)
+        code = self._code[self._species_of[acts], tick.action[acts]]
+        tell("ate", acts[code == EATS], None, tick.action)
+        tell("slept", acts[code == SLEEPS], None, tick.action)
         self._action, self._gave, self._serial = tick.action, state.gave, state.serial
         self._known = tick.alive & ~tick.born
-        for count, who in ((self.born, tick.born), (self.died, tick.died)):
-            if who.any():
-                count += np.bincount(self._species_of[who], minlength=len(count))
         return found
 
 

@@ -199,7 +199,8 @@ class RerunObserver:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
         self._told.update(self._focus.look(state, anew=state.tick % FOCUS_TICKS == 0))
-        self._happened += self._census.watch(state, tick)
+        slots = np.array(list(self._focus.slots.values()), np.int64)
+        self._happened += self._census.watch(state, tick, None if self._scene.few else slots[slots >= 0])
         for name, past in self._past.items():
             past.follow(self._focus.serials[name], state.drive[self._focus.slots[name]])
         if state.tick % self._every:
@@ -876,8 +877,6 @@ class Scene:
                     rows.append((s["tick"], s["time"], "focus", f"now in focus: {focus['name']}"))
                 for event in s["happened"]:
                     mine = (event.slot >= group.slots.start) & (event.slot < group.slots.stop)
-                    if event.kind in ("ate", "slept") and not self.few:
-                        mine &= event.slot == focus["slot"]
                     for i in np.flatnonzero(mine):
                         left[event.kind] = left.get(event.kind, 0) + 1
                         if left[event.kind] <= most:
@@ -1044,7 +1043,7 @@ class Scene:
                     ],
                     name=f"J, {need.name} at {-need.set_point:g}",
                     background=BACKGROUND,
-                    visual_bounds=self._bounds(0.12, 0.03),
+                    visual_bounds=self._bounds(0.19, 0.03),
                 )
             )
         return rrb.Grid(*views, grid_columns=len(views), name=f"deviation of {self._who(name)}")
@@ -1096,6 +1095,8 @@ class Scene:
                     time_ranges=_last(STATE_TICKS, dt),
                     plot_legend=LEGEND,
                 ),
+                # where slots are used again, a line would join two lives
+                *([self._everyone_views(name)] if 1 < self.groups[name].size <= FEW and not self.grows else []),
                 active_tab=0,
             ),
             rrb.StateTimelineView(
@@ -1143,6 +1144,29 @@ class Scene:
                 )
             )
         title = f"{self._who(name)}: every need with x* (white) and bounds (grey); last {STATE_TICKS} ticks"
+        return rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)
+
+    def _everyone_views(self, name: str) -> rrb.Container:
+        """Return a plot per need with a line for every agent: that of an agent that is clicked stands out."""
+        species, views = self.scenario.species[self.groups[name].index], []
+        for need in species.needs:
+            source = VisualizerComponentMapping(
+                target="Scalars:scalars",
+                source_kind=ComponentSourceKind.SourceComponent,
+                source_component=need.name,
+            )
+            lines = rr.SeriesLines(widths=0.6, colors=[FAINT]).visualizer(mappings=[source])
+            views.append(
+                rrb.TimeSeriesView(
+                    origin=f"/world/agents/{name}",
+                    contents=f"/world/agents/{name}",
+                    name=f"{need.name} of every {name}",
+                    time_ranges=_last(STATE_TICKS, self.scenario.dt),
+                    plot_legend=rrb.PlotLegend(visible=False),
+                    overrides={f"world/agents/{name}": [lines]},
+                )
+            )
+        title = f"every {name}; click one in the arena"
         return rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)
 
     def _learning_views(self, name: str) -> list[rrb.View]:
