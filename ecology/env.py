@@ -136,6 +136,7 @@ class Ecology(ParallelEnv):
         self.agents: list[str] = []
         self._slots: dict[str, int] = {}  # of `agents`, by name
         self._state: State | None = None
+        self._picture: Any = None  # of `render`, drawn upon again and again
         self._seed = 0
 
     def _nearness(self) -> float:
@@ -574,12 +575,8 @@ class Ecology(ParallelEnv):
 
     def _empathise(self, coupling: empathy.Coupling, delta: Floats) -> None:
         """Let the state of others enter the drive of one species."""
-        state, body, rows, pairs = self._now(), self._body, coupling.rows, self._pairs
-        seen = None
-        if coupling.empathy.sight and pairs is not None:
-            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
-        weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
-        felt = empathy.feel(coupling, weight, state, body)
+        state, body, rows = self._now(), self._body, coupling.rows
+        felt = empathy.feel(coupling, self._weigh(coupling), state, body)
         state.felt, state.drive = state.felt.copy(), state.drive.copy()
         state.felt[rows] = felt
         if coupling.empathy.form == "sum":
@@ -587,6 +584,13 @@ class Ecology(ParallelEnv):
         else:
             together = coupling.own * delta[rows] + felt
             state.drive[rows] = physiology.drive(together, body.epsilon[rows], body.exponent[rows])
+
+    def _weigh(self, coupling: empathy.Coupling) -> Floats:
+        """Return who of one species feels whom now and how much, (n, m)."""
+        state, pairs, seen = self._now(), self._pairs, None
+        if coupling.empathy.sight and pairs is not None:
+            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
+        return empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
 
     def _look(
         self,
@@ -618,6 +622,22 @@ class Ecology(ParallelEnv):
         if self._state is None:
             raise EcologyError("the world has not started: call reset before step.")
         return self._state
+
+    # ---- for those who watch ---------------------------------------------------------------
+
+    def sighted(self, slot: int) -> Ints:
+        """Return the slots of the others whom the agent in `slot` sees now, (k,); none where its species looks not."""
+        state, pairs = self._now(), self._pairs
+        if pairs is None or not self._looks[slot]:
+            return np.empty(0, np.int64)
+        looks = np.arange(self.size) == slot
+        return pairs.other[senses.sight(self._eyes, pairs, state.position, state.heading, looks)]
+
+    def coupling(self, species: str) -> tuple[Floats, Ints] | None:
+        """Return who of `species` feels whom now and how much, (n, m), and the m slots of those who may be felt."""
+        rows = self.groups[species].slots
+        found = [coupling for coupling in self._couplings if coupling.rows == rows]
+        return (self._weigh(found[0]), found[0].others) if found else None
 
     # ---- putting a world where one wants it ----------------------------------------------
 
@@ -826,9 +846,11 @@ class Ecology(ParallelEnv):
         """Return a picture of the world, uint8 (height, width, 3), for render_mode "rgb_array"."""
         if self.render_mode is None:
             return None
-        from ecology.observers.picture import draw  # loads the plotting library
+        from ecology.observers.picture import Picture, frame  # loads the plotting library
 
-        return draw(self.scenario, self._now().readonly())
+        if self._picture is None:
+            self._picture = Picture(self.scenario)
+        return self._picture.draw(frame(self.scenario, self._now().readonly()))
 
     def close(self) -> None:
         """Nothing to release."""
