@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -391,6 +392,52 @@ def _say_findings(report: Mapping[str, Any]) -> None:
                 f"{_figure(check['correlation'])}, bias {_figure(check['bias'])}",
                 highlight=False,
             )
+
+
+# ---- reproduce -------------------------------------------------------------------------------
+
+
+@app.command()
+def reproduce(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results.  [default: all]")] = None,
+    out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
+    from scenarios import _reproduce  # slow to load
+
+    cases = _reproduce.chosen(names or ())
+    ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
+    work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
+    for case in cases:
+        seconds = sum(part.seconds for mine, part in work if mine is case)
+        console.print(f"{case.name}: {case.about}; {_long(seconds) if seconds else 'done'}", highlight=False)
+        for note in case.notes:
+            console.print(f"  {note}", highlight=False)
+    left = sum(part.seconds for _, part in work)
+    for i, (case, part) in enumerate(work, 1):
+        console.print(f"{i} of {len(work)}  {case.name} {part.key}  {_long(left)} left", highlight=False)
+        try:
+            ledger.do(case, part)
+        except KeyboardInterrupt:
+            console.print(f"stopped; what is done is kept in {out}, the same command goes on")
+            raise StoppedError(signal.SIGINT) from None
+        left -= part.seconds
+    found = {case.name: _reproduce.rows(case, ledger) for case in cases}
+    _reproduce.write(out, found)
+    if not quiet:
+        table = Table(*_reproduce.HEAD)
+        for name, rows in found.items():
+            for row in rows:
+                table.add_row(*_reproduce.cells(name, row))
+            table.add_section()
+        Console().print(table)
+        print(f"written: {out / _reproduce.TABLE} and {_reproduce.PARQUET}")
+
+
+def _long(seconds: float) -> str:
+    """Return how long something takes, in words."""
+    return f"about {seconds / 60:.0f} min" if seconds >= 90 else f"about {max(seconds, 1):.0f} s"
 
 
 @app.command()
