@@ -34,6 +34,7 @@ from scenarios._run import Run, StoppedError, Tally
 REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
+WIDE = 180  # characters of the certificate where there is no terminal
 SKIPPED = 1_000  # ticks of a life from birth that are not measured, or its first tenth if that is less
 
 app = typer.Typer(
@@ -411,16 +412,20 @@ def reproduce(
     work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
     for case in cases:
         seconds = sum(part.seconds for mine, part in work if mine is case)
-        console.print(f"{case.name}: {case.about}; {_long(seconds) if seconds else 'done'}", highlight=False)
+        console.print(
+            f"{case.name}: {case.about}; {_long(seconds) if seconds else 'done'}", highlight=False, soft_wrap=True
+        )
         for note in case.notes:
-            console.print(f"  {note}", highlight=False)
+            console.print(f"  {note}", highlight=False, soft_wrap=True)
     left = sum(part.seconds for _, part in work)
     for i, (case, part) in enumerate(work, 1):
-        console.print(f"{i} of {len(work)}  {case.name} {part.key}  {_long(left)} left", highlight=False)
+        console.print(
+            f"{i} of {len(work)}  {case.name} {part.key}  {_long(left)} left", highlight=False, soft_wrap=True
+        )
         try:
             ledger.do(case, part)
         except KeyboardInterrupt:
-            console.print(f"stopped; what is done is kept in {out}, the same command goes on")
+            console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
             raise StoppedError(signal.SIGINT) from None
         left -= part.seconds
     found = {case.name: _reproduce.rows(case, ledger) for case in cases}
@@ -431,7 +436,8 @@ def reproduce(
             for row in rows:
                 table.add_row(*_reproduce.cells(name, row))
             table.add_section()
-        Console().print(table)
+        screen = Console()
+        screen.print(table, width=screen.width if screen.is_terminal else WIDE)
         print(f"written: {out / _reproduce.TABLE} and {_reproduce.PARQUET}")
 
 
