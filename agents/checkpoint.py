@@ -1,7 +1,8 @@
 """A checkpoint: the arrays and plain values of named parts in one folder, without pickle.
 
 `<part>.safetensors` holds the arrays of a part, `checkpoint.json` the plain values, the versions
-and a digest of every file and of the values. The folder appears under its name only when it is whole.
+and a digest of every file and of the values. The folder appears under its name only when it is whole,
+and the one before it is kept beside it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 import ecology
@@ -26,63 +28,91 @@ Part = tuple[Mapping[str, np.ndarray], Mapping[str, Any]]  # arrays, plain value
 
 
 def write(folder: Path, parts: Mapping[str, Part]) -> None:
-    """Write `parts` to `folder`, in the place of a checkpoint that is there.
+    """Write `parts` to `folder`; the checkpoint that is there becomes `folder`.previous.
 
-    It is written beside first and renamed when whole; whatever happens on the way, a whole
-    checkpoint is left under `folder` or, between the two renames, under `folder`.old.
+    It is written beside first and renamed when whole: whenever the process is killed, a whole
+    checkpoint is left under `folder` or, between two renames, under `folder`.previous.
+    Raises EcologyError where it cannot be written; what was there is then untouched.
     """
-    new, old = folder.with_name(folder.name + ".new"), folder.with_name(folder.name + ".old")
-    shutil.rmtree(new, ignore_errors=True)
-    new.mkdir(parents=True)
+    new, previous = _beside(folder, ".new"), previous_of(folder)
     index: dict[str, Any] = {"format": FORMAT, "ecology": ecology.__version__, "digests": {}, "values": {}}
-    for name, (arrays, values) in parts.items():
-        data = save({key: np.array(array, order="C") for key, array in arrays.items()})
-        (new / f"{name}.safetensors").write_bytes(data)
-        index["digests"][name] = hashlib.sha256(data).hexdigest()
-        index["values"][name] = json.loads(json.dumps(values, default=_plain))
-    index["digest"] = _digest(index["values"])
-    (new / INDEX).write_text(json.dumps(index, indent=1) + "\n")
-    if folder.exists():
-        shutil.rmtree(old, ignore_errors=True)
-        folder.rename(old)
-    new.rename(folder)
-    shutil.rmtree(old, ignore_errors=True)
+    try:
+        shutil.rmtree(new, ignore_errors=True)
+        new.mkdir(parents=True)
+        for name, (arrays, values) in parts.items():
+            data = save({key: np.array(array, order="C") for key, array in arrays.items()})
+            (new / f"{name}.safetensors").write_bytes(data)
+            index["digests"][name] = hashlib.sha256(data).hexdigest()
+            index["values"][name] = json.loads(json.dumps(values, default=_plain))
+        index["digest"] = _digest(index["values"])
+        (new / INDEX).write_text(json.dumps(index, indent=1) + "\n")
+        if folder.exists():
+            shutil.rmtree(previous, ignore_errors=True)
+            folder.rename(previous)
+        new.rename(folder)
+    except OSError as error:
+        raise EcologyError(
+            f"the checkpoint {str(folder)!r} cannot be written: {error.strerror}. What was kept before is still "
+            "there; make room, or give another folder."
+        ) from error
+
+
+def previous_of(folder: Path) -> Path:
+    """Return where the checkpoint before the one in `folder` is kept."""
+    return _beside(folder, ".previous")
 
 
 def there(folder: Path) -> bool:
     """Return whether `folder` holds a checkpoint, be it one left between two renames."""
-    return folder.exists() or folder.with_name(folder.name + ".old").exists()
+    return folder.exists() or previous_of(folder).exists()
 
 
-def read(folder: Path) -> dict[str, Part]:
-    """Return the parts that `write` put in `folder`; EcologyError where it is damaged or foreign."""
-    old = folder.with_name(folder.name + ".old")
-    if not folder.exists() and old.exists():
-        folder = old
+def put_aside(folder: Path) -> None:
+    """Make the previous checkpoint the only one; the newer is kept, unused, as `folder`.aside."""
+    if folder.exists():
+        shutil.rmtree(_beside(folder, ".aside"), ignore_errors=True)
+        folder.rename(_beside(folder, ".aside"))
+
+
+def read(folder: Path, *, previous: bool = False) -> dict[str, Part]:
+    """Return the parts that `write` put in `folder`, or the ones before them.
+
+    Raises EcologyError where they are damaged, foreign or of another version.
+    """
+    before = previous_of(folder)
+    if previous or (not folder.exists() and before.exists()):
+        folder = before
     if not folder.is_dir():
-        raise EcologyError(f"there is no checkpoint in {str(folder.parent)!r}; give the folder of a run that has one.")
+        which = "previous checkpoint" if previous else "checkpoint"
+        raise EcologyError(f"there is no {which} in {str(folder.parent)!r}; give the folder of a run that has one.")
     try:
         index = json.loads((folder / INDEX).read_text())
-        made_by = index["format"]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        made_by = index["format"], index["ecology"]
+        if made_by == (FORMAT, ecology.__version__):
+            if _digest(index["values"]) != index["digest"]:
+                raise ValueError(f"the values in {INDEX} are not what was written")
+            return {name: (_arrays(folder, name, index), values) for name, values in index["values"].items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, SafetensorError) as error:
+        told = f"{type(error).__name__}: {error}"
         raise EcologyError(
-            f"the checkpoint {str(folder)!r} is damaged or foreign: {INDEX} cannot be read ({error}). "
-            "Start the run anew."
+            f"the checkpoint {str(folder)!r} is damaged or foreign ({told}). {advice(folder)}"
         ) from error
-    if made_by != FORMAT:
-        raise EcologyError(
-            f"the checkpoint {str(folder)!r} has the format {made_by!r} (ecology {index.get('ecology')}); "
-            f"this is ecology {ecology.__version__}, which reads format {FORMAT}. Read it with the version "
-            "that wrote it."
-        )
-    try:
-        if _digest(index["values"]) != index["digest"]:
-            raise ValueError(f"the values in {INDEX} are not what was written")
-        return {name: (_arrays(folder, name, index), values) for name, values in index["values"].items()}
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise EcologyError(
-            f"the checkpoint {str(folder)!r} is damaged: {error}. Start the run anew, or restore the folder."
-        ) from error
+    raise EcologyError(
+        f"the checkpoint {str(folder)!r} was written by ecology {made_by[1]} in format {made_by[0]!r}; this is ecology "
+        f"{ecology.__version__}, which reads its own in format {FORMAT}. Read it with the version that wrote it, or "
+        "start the run anew."
+    )
+
+
+def advice(folder: Path) -> str:
+    """Return what to do where the checkpoint in `folder` cannot be used."""
+    if previous_of(folder).is_dir():
+        return f"Go on from the one before it with `ecology run --resume {folder.parent} --previous`."
+    return "Start the run anew."
+
+
+def _beside(folder: Path, ending: str) -> Path:
+    return folder.with_name(folder.name + ending)
 
 
 def _arrays(folder: Path, name: str, index: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ecology.kernels import open_actions
 from ecology.spec import Resource, Species
 from ecology.state import Bools, Floats, Ints
 
@@ -121,29 +122,7 @@ def action_mask(
     (n, A), all -1 without; an action that still immobilises is the only one open. A dead slot has no
     open action.
     """
-    x = internal[:, None, :]
-    mask: Bools = np.logical_and.reduce((x < table.closes_at) & (x >= table.opens_from), axis=2)  # (n, A)
-    eats = np.flatnonzero(table.consumes >= 0)
-    if eats.size:
-        mask[:, eats] &= here[:, table.consumes[eats]] >= 0
-    goes = np.flatnonzero(table.goes_to >= 0)
-    if goes.size:
-        mask[:, goes] &= toward[:, table.goes_to[goes]] >= 0
-        if table.committed:
-            under_way = table.goes_to[action] >= 0
-            under_way &= bound_for >= 0
-            rows = np.flatnonzero(under_way & mask[np.arange(len(mask)), action])
-            if rows.size:
-                mask[rows] = False
-                mask[rows, action[rows]] = True
-    meets = np.flatnonzero(table.meets >= 0)
-    if meets.size:
-        mask[:, meets] &= targets[:, meets] >= 0
-    held = np.flatnonzero(hold > 0)
-    if held.size:
-        mask[held] = False
-        mask[held, action[held]] = True
-    # a body whose thresholds close everything can still do nothing
-    mask[:, table.rest] |= ~np.logical_or.reduce(mask, axis=1)
-    mask &= alive[:, None]
-    return mask
+    return open_actions(
+        internal, alive, hold, action, bound_for, here, toward, targets, table.opens_from, table.closes_at,
+        table.consumes, table.goes_to, table.meets, table.rest, table.committed,
+    )  # fmt: skip

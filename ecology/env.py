@@ -14,8 +14,9 @@ from pettingzoo import ParallelEnv
 from ecology import empathy, life, meetings, neighbours, physiology, resources, senses
 from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
+from ecology.kernels import in_reach, inside_polygon
 from ecology.meetings import World
-from ecology.physics import Physics, inside_polygon
+from ecology.physics import Physics
 from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.senses import Layout
@@ -112,9 +113,7 @@ class Ecology(ParallelEnv):
         self._radius = np.repeat([float(s.radius) for s in species], counts)
         self._solid = np.repeat([s.solid for s in species], counts)
         self._species_of = np.repeat(np.arange(len(species)), counts)
-        self._looks = np.repeat(
-            [bool(s.neighbours) or (s.empathy is not None and s.empathy.sight) for s in species], counts
-        )
+        self._looks = np.repeat([s.empathy is not None and s.empathy.sight for s in species], counts)
         self._near = self._nearness()
         self.groups: dict[str, Group] = {}
         for i, (s, rows, table, gaze) in enumerate(zip(species, blocks, self._tables, self._gazes, strict=True)):
@@ -272,7 +271,7 @@ class Ecology(ParallelEnv):
     def _decide(self, actions: np.ndarray) -> tuple[Floats, Floats, Floats, Bools]:
         """Return u (N, V), speed (N,), direction (N,) and who asked for a closed action (N,)."""
         state = self._now()
-        self._check_actions(actions)
+        actions = self._checked(actions)
         control = np.zeros_like(state.internal)
         speed, direction = np.zeros(self.size), state.heading.copy()
         closed = np.zeros(self.size, bool)
@@ -376,7 +375,7 @@ class Ecology(ParallelEnv):
             given += np.where(living, outcome.given, 0.0)
             ruled = outcome.killed & state.alive
             if outcome.position is not None:
-                state.position = self._inside(np.asarray(outcome.position, float))
+                state.position = np.where(living, self._inside(np.asarray(outcome.position, float)), state.position)
         state.received, state.given = state.received + received, state.given + given
         return received, given, killed, ruled
 
@@ -503,11 +502,13 @@ class Ecology(ParallelEnv):
             units = resources.whole_units(until) - resources.whole_units(state.time)
             state.available = resources.appear(table, state.available, units, self._rng["availability"])
 
-    def _check_actions(self, actions: np.ndarray) -> None:
-        require(
-            actions.shape == (self.size,) and np.issubdtype(actions.dtype, np.integer),
-            f"actions must be {self.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}.",
-        )
+    def _checked(self, actions: np.ndarray) -> Ints:
+        """Return the actions (N,), those of dead slots as 0, or raise EcologyError."""
+        if actions.shape != (self.size,) or actions.dtype.kind not in "iu":
+            raise EcologyError(
+                f"actions must be {self.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
+            )
+        actions = np.where(self._now().alive, actions, 0)
         for group in self.groups.values():
             wanted = actions[group.slots]
             if group.size and (wanted.min() < 0 or wanted.max() >= len(group.actions)):
@@ -516,45 +517,34 @@ class Ecology(ParallelEnv):
                     f"the action of {self.name_of(group.slots.start + bad)} must be a whole number from 0 to "
                     f"{len(group.actions) - 1}, got {int(wanted[bad])}."
                 )
+        return actions
 
     def _feel(self) -> None:
         """Renew what bodies feel and see: drive, reach, sight, neighbours and the action masks."""
         state, body, table = self._now(), self._body, self._resources
-        rows = np.arange(self.size)
         # resources in reach and in sight
-        state.inside, state.seen, distance = senses.reach_and_sight(
-            self._eyes, self._plane, state.position, state.heading, state.alive, state.resource_position
-        )
-        if len(state.stock):
-            state.bound_for = np.where(
-                state.inside[rows, state.bound_for] & (state.bound_for >= 0), -1, state.bound_for
-            )
+        state.bound_for = state.bound_for.copy()  # who has arrived is bound for nothing more
         offered = resources.offered(state.stock, state.available)
-        kinds = len(self.scenario.resources)
-        self._here = senses.nearest_of_kind(table.kind, kinds, distance, state.inside & offered)
-        ahead = state.seen.copy()
-        bound = np.flatnonzero(state.bound_for >= 0)
-        ahead[bound, state.bound_for[bound]] = True
-        distance[bound, state.bound_for[bound]] = -1.0  # who is on the way to one goes on to it
-        self._toward = senses.nearest_of_kind(table.kind, kinds, distance, ahead & ~state.inside & offered)
+        state.inside, state.seen, self._here, self._toward, glimpse = senses.find_patches(
+            self._eyes, self._plane, table, len(self.scenario.resources), state, offered
+        )
         # others in reach and in sight
         self._pairs = pairs = (
             neighbours.find(self._plane, state.position, state.alive, self._near) if self._near else None
         )
-        seen = None
-        if pairs is not None and self._looks.any():
-            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
         self._targets = {
             group.name: self._aim(group, acts) for group, acts in zip(self.groups.values(), self._tables, strict=True)
         }
         # the drive, of oneself and of others
         delta = physiology.deviation(body, state.internal)
+        last = state.drive, state.felt
         state.own_drive = state.drive = physiology.drive(delta, body.epsilon, body.exponent)
         for coupling in self._couplings:
-            self._empathise(coupling, delta, pairs, seen)
-        self._around = senses.Surroundings(
-            table, self._plane, body, self._species_of, self._glimpse(distance, offered), pairs, seen
-        )
+            self._empathise(coupling, delta)
+        if self._couplings:  # the dead feel what they felt last: to die is no relief
+            state.drive = np.where(state.alive, state.drive, last[0])
+            state.felt = np.where(state.alive[:, None], state.felt, last[1])
+        self._around = senses.Surroundings(table, self._plane, body, self._species_of, glimpse, pairs, self._eyes)
         self._masks = {
             group.name: action_mask(
                 acts,
@@ -570,34 +560,24 @@ class Ecology(ParallelEnv):
             for group, acts in zip(self.groups.values(), self._tables, strict=True)
         }
 
-    def _glimpse(self, distance: Floats, offered: Bools) -> Ints:
-        """Return the nearest patch of each resource with something in it that is seen or stood in, (N, K); -1 none."""
-        if not any(s.sees for s in self.scenario.species):
-            return self._here
-        state = self._now()
-        kept = (state.inside | state.seen) & offered
-        return senses.nearest_of_kind(self._resources.kind, len(self.scenario.resources), np.abs(distance), kept)
-
     def _aim(self, group: Group, table: ActionTable) -> Ints:
         """Return whom bites and gifts would meet, slots (n, A), -1 nobody: the nearest in reach, no wall between."""
         targets = np.full((group.size, len(group.actions)), -1)
-        pairs, state = self._pairs, self._now()
+        pairs, state, eyes = self._pairs, self._now(), self._eyes
         for a in np.flatnonzero(table.meets >= 0):
             assert pairs is not None
-            who = pairs.who - group.slots.start
-            kept = (pairs.distance <= table.reach[a]) & (who >= 0) & (who < group.size)
-            kept &= self._species_of[pairs.other] == table.meets[a]
-            at = np.flatnonzero(kept)
-            kept[at] = senses.clear(self._eyes, state.position[pairs.who[at]], state.position[pairs.other[at]])
-            found = neighbours.nearest(pairs, kept, group.slots.start, group.size, 1)[:, 0]
-            targets[:, a] = np.where(found >= 0, pairs.other[found], -1) if len(pairs.other) else -1
+            targets[:, a] = in_reach(
+                pairs.starts, pairs.other, pairs.distance, group.slots.start, group.size, table.reach[a],
+                table.meets[a], self._species_of, state.position, eyes.wall_from, eyes.wall_along, eyes.open,
+            )  # fmt: skip
         return targets
 
-    def _empathise(
-        self, coupling: empathy.Coupling, delta: Floats, pairs: neighbours.Pairs | None, seen: Bools | None
-    ) -> None:
+    def _empathise(self, coupling: empathy.Coupling, delta: Floats) -> None:
         """Let the state of others enter the drive of one species."""
-        state, body, rows = self._now(), self._body, coupling.rows
+        state, body, rows, pairs = self._now(), self._body, coupling.rows, self._pairs
+        seen = None
+        if coupling.empathy.sight and pairs is not None:
+            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
         weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
         felt = empathy.feel(coupling, weight, state, body)
         state.felt, state.drive = state.felt.copy(), state.drive.copy()
@@ -657,6 +637,9 @@ class Ecology(ParallelEnv):
                 f"state {name!r} has the shape {known[name].shape}, got {value.shape}.",
             )
             setattr(state, name, value.copy())
+        state.position = self._plane.home(state.position)
+        if fields.keys() & {"position", "alive"}:  # the solver remembers contacts of another place
+            self._physics = Physics(self.scenario.arena, self._radius, self._solid, state.position, state.alive)
         self._feel()
         return self._look(np.zeros(self.size))
 

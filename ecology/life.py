@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ecology.physics import inside_polygon
+from ecology.kernels import inside_polygon
 from ecology.plane import plane_of
 from ecology.spec import Arena, Birth, Hazard, Species
 from ecology.state import Bools, Floats, Ints
@@ -26,11 +26,13 @@ def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) 
         heading = np.full(count, float(species.heading))
     else:
         heading = rng.uniform(-np.pi, np.pi, count)
-    return position, heading
+    return plane_of(arena).home(position), heading
 
 
 def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:
     """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
+    if not count:
+        return np.empty((0, 2))
     import shapely  # slow to load, needed at births only
 
     margin = margin if arena.walls else 0.0
@@ -45,7 +47,7 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
         kept = points[np.any([inside_polygon(p, points) for p in parts], axis=0)]
         found.append(kept)
         have += len(kept)
-    return np.concatenate(found)[:count] if found else np.empty((0, 2))
+    return np.concatenate(found)[:count]
 
 
 # ---- births ----------------------------------------------------------------------------------

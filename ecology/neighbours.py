@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ecology.kernels import pairs_within
 from ecology.plane import Plane
 from ecology.state import Bools, Floats, Ints
 
@@ -18,6 +19,7 @@ class Pairs:
     other: Ints  # (P,)
     gap: Floats  # (P, 2) from who to other
     distance: Floats  # (P,) between the centres
+    starts: Ints  # (N + 1,) first pair of every slot
 
 
 def find(plane: Plane, position: Floats, alive: Bools, radius: float) -> Pairs:
@@ -26,33 +28,7 @@ def find(plane: Plane, position: Floats, alive: Bools, radius: float) -> Pairs:
     The cost grows with the pairs, not with N squared, as long as the radius is small in the arena.
     """
     slots = np.flatnonzero(alive)
-    points = position[slots]
-    if radius >= plane.diagonal or (plane.torus and 2 * radius >= plane.size.min()):
-        a, b = np.triu_indices(len(slots), 1)
-    else:
-        from scipy.spatial import cKDTree  # slow to load, needed where someone meets or senses others
-
-        tree = cKDTree(points - plane.low, boxsize=plane.size if plane.torus else None, balanced_tree=False)
-        a, b = tree.query_pairs(radius, output_type="ndarray").T
-    gap = plane.gap(points[a], points[b])
-    distance = np.sqrt(np.einsum("pd,pd->p", gap, gap))
-    near = distance <= radius
-    if not near.all():
-        a, b, gap, distance = a[near], b[near], gap[near], distance[near]
-    who, other = np.concatenate([a, b]), np.concatenate([b, a])
-    both = np.concatenate([distance, distance])
-    order = np.lexsort((other, both, who))
-    return Pairs(slots[who[order]], slots[other[order]], np.concatenate([gap, -gap])[order], both[order])
-
-
-def nearest(pairs: Pairs, kept: Bools, first: int, n: int, k: int) -> Ints:
-    """Return the k nearest among the pairs `kept` (P,) of n slots from `first` on: indices of pairs (n, k), -1 none."""
-    found = np.full((n, k), -1)
-    at = np.flatnonzero(kept)
-    if at.size:
-        who = pairs.who[at] - first
-        starts = np.searchsorted(who, np.arange(n))  # pairs are ordered by who
-        rank = np.arange(len(at)) - starts[who]
-        close = rank < k
-        found[who[close], rank[close]] = at[close]
-    return found
+    who, other, gap, distance = pairs_within(position[slots], plane.low, plane.size, plane.torus, radius)
+    if len(slots) < len(alive):
+        who, other = slots[who], slots[other]
+    return Pairs(who, other, gap, distance, np.searchsorted(who, np.arange(len(alive) + 1)))

@@ -14,6 +14,7 @@ import numpy as np
 import pymunk
 import pymunk.batch
 
+from ecology.kernels import inside_polygon
 from ecology.plane import plane_of
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
@@ -140,19 +141,6 @@ class Physics:
             for position, velocity, alive in ticks:
                 self.told.append((position, velocity, alive))
                 self._solve(position, velocity, alive, dt)
-
-
-def inside_polygon(vertices: Floats, points: Floats) -> Bools:
-    """Return which points (n, 2) lie strictly inside the polygon (W, 2): crossings of a ray, (n,)."""
-    x, y = points[:, 0, None], points[:, 1, None]
-    x1, y1 = vertices[:, 0], vertices[:, 1]
-    x2, y2 = vertices[np.arange(-1, len(vertices) - 1)].T  # the vertex before
-    above = y1 > y  # (n, W)
-    spans = above != (y2 > y)
-    rise = y2 - y1
-    # the ray from (x, y) to the right crosses the edge: x < x1 + (y - y1) (x2 - x1) / rise
-    left = ((x - x1) * rise < (y - y1) * (x2 - x1)) == (rise > 0)
-    return (np.count_nonzero(spans & left, axis=1) & 1).astype(bool)
 
 
 def _outward(vertices: Floats, by: float) -> Floats:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ecology.kernels import inside_polygon
 from ecology.life import scatter
-from ecology.physics import inside_polygon
 from ecology.plane import plane_of
 from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource
 from ecology.state import Bools, Floats, Ints

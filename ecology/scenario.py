@@ -119,6 +119,15 @@ class Scenario:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
         for name in species.sees:
             require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
+        for need in species.needs:
+            fastest = (
+                need.leak - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
+            )
+            require(
+                fastest * self.dt <= 1,
+                f"{owner}: {need.name!r} falls by {fastest:g} of itself per unit of time, which a tick of {self.dt!r} "
+                f"cannot follow; dt must be at most {1 / max(fastest, 1e-300):g}.",
+            )
         components = layout(species, self.arena, self.resources, self.species).names
         twice = sorted({name for name in components if components.count(name) > 1})
         require(
@@ -189,7 +198,16 @@ class Scenario:
                 f"{owner}: the matrix of its empathy must be {species.slots} by {species.slots}, a row and a column "
                 f"per slot, got {rows} rows of {sorted(shapes)}.",
             )
-            felt = sum(s.slots for s in self.species if s.name in (empathy.species or (species.name,)))
+            others = [s for s in self.species if s.name in (empathy.species or (species.name,))]
+            require(
+                empathy.matrix is None or species in others,
+                f"{owner}: the matrix of its empathy is of its own species, which it does not feel; add "
+                f"{species.name!r} to its species {empathy.species!r}, or leave the matrix out.",
+            )
+            known = {need.name for s in (*others, species) for need in s.needs}
+            for name in empathy.needs:
+                require(name in known, f"{owner}: its empathy names the need {name!r}. {nearest(name, known)}")
+            felt = sum(s.slots for s in others)
             require(
                 empathy.lesion != "shuffled" or felt >= 3,
                 f"{owner}: shuffled partners need at least 3 to shuffle, got {felt}; use the lesion 'off' or 'sham'.",

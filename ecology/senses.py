@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ecology.empathy import own_weights
-from ecology.neighbours import Pairs, nearest
+from ecology.kernels import around, clear_lines, in_view, nearest_seen
+from ecology.neighbours import Pairs
 from ecology.physiology import Body
 from ecology.plane import Plane, plane_of
 from ecology.resources import ResourceTable
@@ -169,7 +170,7 @@ class Surroundings:
     species_of: Ints  # (N,)
     nearest_patch: Ints  # (N, K) nearest patch of each resource that is seen or stood in, -1 without
     pairs: Pairs | None
-    seen: Bools | None  # (P,) pairs in the view field of who, with no wall between
+    eyes: Eyes
 
 
 def observe(gaze: Gaze, state: State, around: Surroundings, day: float | None) -> np.ndarray:
@@ -218,15 +219,16 @@ def _observe_others(
     columns: Ints,
 ) -> int:
     """Write what is sensed of others into zeta (n, D) from `column` on, and return the column after it."""
-    pairs, seen = around.pairs, around.seen
+    pairs, eyes = around.pairs, around.eyes
     assert pairs is not None
-    assert seen is not None
-    first, n = gaze.rows.start, len(zeta)
-    kept = seen & (pairs.who >= first) & (pairs.who < first + n)
-    index = np.full(1 + int(around.species_of.max()), -1)
+    n = len(zeta)
+    index = np.full(1 + int(max(kinds.max(), around.species_of[-1])), -1)
     index[kinds] = np.arange(len(kinds))
-    kept &= index[around.species_of[pairs.other]] >= 0
-    found = nearest(pairs, kept, first, n, sensed.count)  # (n, k)
+    found = nearest_seen(
+        pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, index >= 0,
+        around.species_of, state.position, state.heading, eyes.half_angle, eyes.range, eyes.wall_from,
+        eyes.wall_along, eyes.open,
+    )  # (n, k)  # fmt: skip
     each = 2 + sensed.heading + (len(kinds) if len(kinds) > 1 else 0) + columns.shape[1]
     block = zeta[:, column : column + each * sensed.count].reshape(n, sensed.count, each)
     block[..., 0] = gaze.far
@@ -248,7 +250,7 @@ def _observe_others(
             need = columns[kind, w]
             delta = state.internal[other, need] - around.body.set_point[other, need]
             block[row, place, c + w] = np.where(need >= 0, delta, 0.0)
-    zeta[:, column : column + each * sensed.count] = block.reshape(n, -1)
+    zeta[:, column : column + each * sensed.count] = block.reshape(n, each * sensed.count)
     return column + each * sensed.count
 
 
@@ -263,11 +265,6 @@ class Eyes:
     wall_from: Floats  # (W, 2)
     wall_along: Floats  # (W, 2) from the first to the second end
     reach: Floats  # (R,) radius of the patch's circle
-
-    @property
-    def used(self) -> bool:
-        """Return whether any slot looks for resources."""
-        return bool(self.sees.any())
 
 
 def compile_eyes(species: tuple[Species, ...], arena: Arena, resources: tuple[Resource, ...]) -> Eyes:
@@ -297,73 +294,26 @@ def clear(eyes: Eyes, start: Floats, end: Floats) -> Bools:
     """Return whether the straight segment from start to end (m, 2) crosses no wall, (m,)."""
     if eyes.open:
         return np.ones(len(start), bool)
-    along = (end - start)[:, None, :]  # (m, 1, 2)
-    offset = eyes.wall_from - start[:, None, :]  # (m, W, 2)
-    wall = eyes.wall_along
-    # solve start + t along = wall_from + s wall with t and s in [0, 1]
-    cross = along[..., 0] * wall[:, 1] - along[..., 1] * wall[:, 0]  # (m, W)
-    t = offset[..., 0] * wall[:, 1] - offset[..., 1] * wall[:, 0]
-    s = offset[..., 0] * along[..., 1] - offset[..., 1] * along[..., 0]
-    sign = np.sign(cross)
-    t, s, size = t * sign, s * sign, np.abs(cross)
-    hit = (size > 0) & (t >= 0) & (t <= size) & (s >= 0) & (s <= size)
-    return ~np.logical_or.reduce(hit, axis=1)
+    return clear_lines(start, end, eyes.wall_from, eyes.wall_along)
 
 
-def reach_and_sight(
-    eyes: Eyes, plane: Plane, position: Floats, heading: Floats, alive: Bools, patches: Floats
-) -> tuple[Bools, Bools, Floats]:
-    """Return who is inside which patch's circle, who sees which patch, and how far it is, all (n, R).
+def find_patches(
+    eyes: Eyes, plane: Plane, table: ResourceTable, kinds: int, state: State, offered: Bools
+) -> tuple[Bools, Bools, Ints, Ints, Ints]:
+    """Return where the patches are from each body; see `kernels.around`.
 
     A patch is seen within the angle and the range of the view field, with no wall between.
     """
-    gap = plane.gap(position[:, None, :], patches[None, :, :])  # (n, R, 2)
-    distance = np.sqrt(gap[..., 0] ** 2 + gap[..., 1] ** 2)
-    inside = (distance <= eyes.reach) & alive[:, None]
-    seen = np.zeros_like(inside)
-    if eyes.used:
-        near = (distance <= eyes.range[:, None]) & (alive & eyes.sees)[:, None]
-        who, what = np.nonzero(near)
-        if who.size:
-            kept = in_field(eyes, gap[who, what], heading[who], who)
-            who, what = who[kept], what[kept]
-            if who.size:
-                open_line = clear(eyes, position[who], patches[what])
-                seen[who[open_line], what[open_line]] = True
-    return inside, seen, distance
-
-
-def in_field(eyes: Eyes, gap: Floats, heading: Floats, who: Ints) -> Bools:
-    """Return whether what lies at `gap` (m, 2) from the slots `who` (m,) is within the angle of their view field."""
-    bearing = np.arctan2(gap[:, 1], gap[:, 0])
-    return np.abs(wrap(bearing - heading)) <= eyes.half_angle[who] + 1e-12
-
-
-def nearest_of_kind(kind: Ints, kinds: int, distance: Floats, kept: Bools) -> Ints:
-    """Return the nearest patch of every resource among those `kept` (n, R), -1 without, (n, K).
-
-    `kind` (R,) is the resource of each patch; patches are ordered by it.
-    """
-    if len(kind) == kinds:
-        return np.where(kept, np.arange(kinds), -1)
-    found = np.full((len(kept), kinds), -1)
-    far = np.where(kept, distance, np.inf)
-    rows = np.arange(len(kept))
-    for k in range(kinds):
-        start, stop = np.searchsorted(kind, (k, k + 1))
-        best = start + far[:, start:stop].argmin(axis=1)
-        found[:, k] = np.where(np.isfinite(far[rows, best]), best, -1)
-    return found
+    return around(
+        state.position, state.heading, state.alive, state.bound_for, eyes.sees, eyes.half_angle, eyes.range,
+        state.resource_position, eyes.reach, table.kind, kinds, offered, plane.size, plane.torus,
+        eyes.wall_from, eyes.wall_along, eyes.open,
+    )  # fmt: skip
 
 
 def sight(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
     """Return which pairs (P,) are seen by `who`: within its view field, no wall between; `looks` (N,) are who look."""
-    seen = looks[pairs.who] & (pairs.distance <= eyes.range[pairs.who])
-    at = np.flatnonzero(seen)
-    if at.size:
-        who = pairs.who[at]
-        kept = in_field(eyes, pairs.gap[at], heading[who], who)
-        seen[at[~kept]] = False
-        at = at[kept]
-        seen[at] = clear(eyes, position[pairs.who[at]], position[pairs.other[at]])
-    return seen
+    return in_view(
+        pairs.who, pairs.other, pairs.gap, pairs.distance, position, heading, looks,
+        eyes.half_angle, eyes.range, eyes.wall_from, eyes.wall_along, eyes.open,
+    )  # fmt: skip

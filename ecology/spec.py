@@ -219,7 +219,7 @@ def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Ac
 
 
 def go_to(resource: str, speed: float, **rest_of: object) -> Action:
-    """Return the walk to `resource`, open while it is seen, not yet reached, and there is some."""
+    """Return the walk to `resource`, open while it is seen and there is some, until one stands in a patch of it."""
     return Action(
         name=f"go_to_{resource}",
         kind="go_to",
@@ -323,7 +323,8 @@ class Resource:
 
     Without further words it is unlimited, fixed and always available. A stock is counted in units
     of intake: what consuming adds to needs is what leaves the stock. Of several patches, each has its
-    own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen.
+    own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen
+    from where there is none.
     """
 
     name: str
@@ -542,6 +543,8 @@ class Empathy:
             self.form == "sum" or 0 <= self.weight <= 1,
             f"Empathy: in the average form, weight is a share from 0 to 1, got {self.weight!r}.",
         )
+        for row in self.matrix or ():
+            _finite("Empathy", **{f"matrix[{j}]": w for j, w in enumerate(row)})
         require(self.within > 0, f"Empathy: within must be positive, got {self.within!r}.")
         require(
             self.lesion in ("none", "off", "sham", "shuffled"),
@@ -594,6 +597,10 @@ class Species:
         )
         _finite(owner, arrival=self.arrival)
         require(self.arrival >= 0, f"{owner}: arrival must not be negative, got {self.arrival!r}.")
+        require(
+            self.arrival == 0 or self.slots > 0,
+            f"{owner}: newcomers arrive, but nobody has room; give a capacity above 0, got {self.capacity!r}.",
+        )
         _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon, **self.collapse)
         _finite(owner, drive_exponent=self.drive_exponent)
         if self.heading is not None:

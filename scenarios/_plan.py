@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import hashlib
 import importlib.metadata
+import json
 import os
 import platform
 import re
@@ -49,6 +52,8 @@ class Plan:
     record: bool = True  # whether metrics and a recording are written
     record_every: int = RECORD_EVERY  # ticks between two rows of an agent
     checkpoint_every: int = CHECKPOINT_EVERY  # ticks
+    keep_every: int = 0  # ticks between two checkpoints that are kept for good; 0 keeps none
+    forked: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # of which run, when, and what was changed
 
     def load(self) -> Scenario:
         """Return the scenario of the run."""
@@ -59,15 +64,25 @@ class Plan:
 
     def to_toml(self) -> str:
         """Return the text of config.toml."""
+        world = self.load()
         words = {
             **{key: getattr(self, key) for key in PLAIN},
             "settings": self.settings,
             "learners": {
                 species: {"name": choice.name, "settings": choice.settings} for species, choice in self.learners.items()
             },
-            "made_with": {"dt": float(self.load().dt), "python": platform.python_version(), **versions()},
+            **({"forked": self.forked} if self.forked else {}),
+            "made_with": {
+                "world": world_digest(world),
+                "dt": float(world.dt),
+                "python": platform.python_version(),
+                **versions(),
+            },
         }
-        head = "# Repeat this run with: ecology run --config config.toml --out ANOTHER_FOLDER\n"
+        again = (
+            "ecology fork, as [forked] says" if self.forked else "ecology run --config config.toml --out ANOTHER_FOLDER"
+        )
+        head = f"# Repeat this run with: {again}\n"
         return head + "# [made_with] says what it was made with and is not read.\n" + tomli_w.dumps(_toml(words, ""))
 
 
@@ -79,8 +94,9 @@ PLAIN = {  # keys of config.toml that are not tables, and what they are
     "record": bool,
     "record_every": int,
     "checkpoint_every": int,
+    "keep_every": int,
 }
-TABLES = ("settings", "learners", "made_with")
+TABLES = ("settings", "learners", "forked", "made_with")
 
 
 def read_config(path: Path) -> dict[str, Any]:
@@ -166,9 +182,10 @@ def resolve(
         settings={key: value for key, value in world.settings.items() if key != "ticks"},
         learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
         ticks=ticks,
+        forked=words.get("forked", {}),
         **{key: words[key] for key in PLAIN if key in words and key not in ("scenario", "ticks")},
     )
-    for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1)):
+    for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1), ("keep_every", 0)):
         if getattr(plan, key) < low:
             raise EcologyError(f"{key} must be a whole number of at least {low}, got {getattr(plan, key)!r}.")
     return plan
@@ -214,6 +231,26 @@ def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], life: float) -> Chosen:
 def _check_device(device: str) -> None:
     if device != "cpu":
         raise EcologyError(f"device is cpu, no learner computes elsewhere yet; leave out --device {device!r}.")
+
+
+def world_digest(world: Scenario) -> str:
+    """Return a digest of all that a scenario says of its world, whatever the length of the run."""
+    words = words_of(dataclasses.replace(world, ticks=1, settings={}))
+    return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
+
+
+def words_of(value: Any) -> Any:
+    """Return frozen words as JSON holds them: the same in every process, whatever the order of a mapping."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: words_of(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): words_of(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [words_of(each) for each in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    plain = value is None or isinstance(value, (str, bool, int, float))
+    return value if plain else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
 
 
 def versions() -> dict[str, str]:

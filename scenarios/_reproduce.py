@@ -21,7 +21,7 @@ import agents
 import ecology
 import scenarios
 from agents import loop
-from ecology import Ecology, EcologyError, Growth, Need, Resource, Scenario, Species, consume, physiology, rest
+from ecology import Ecology, EcologyError, Need, Scenario, Species, physiology, rest
 from ecology.errors import nearest
 from ecology.state import Ints
 from scenarios import _episodes, food_share, grid_rooms, trap
@@ -204,28 +204,16 @@ POOL, GROWTH, APPETITE = 100.0, 0.02, 0.1  # E0, delta per tick, q per tick: sus
 
 
 def _pool_left(n: int, ticks: int = 500) -> float:
-    """Return what share of a common pool is left by n who eat q in every tick; one who can take no more rests."""
-    pool = Resource(
-        name="pool",
-        position=(5.0, 5.0),
-        radius=4.9,
-        stock=POOL,
-        growth=Growth(kind="exponential", rate=math.log1p(GROWTH)),
-    )
-    eater = Species(
-        name="eater",
-        needs=(Need(name="food", set_point=1.0, start=0.5, leak=APPETITE, bounds=(0.0, 2.0)),),
-        actions=(rest(), consume("pool", {"food": APPETITE})),
-        count=n,
-        position=(5.0, 5.0),
-        solid=False,
-        senses=(),
-    )
-    arena = ecology.Arena(vertices=((0, 0), (10, 0), (10, 10), (0, 10)))
-    env = Ecology(Scenario(name="pool", arena=arena, resources=(pool,), species=(eater,)))
+    """Return what share of the pool of `commons` is left by n who stand in it and eat q in every tick."""
+    settings = {"n": n, "growth": GROWTH, "capacity": POOL, "appetite": APPETITE, "decay": APPETITE}
+    env = Ecology(scenarios.load("commons", **settings))
     env.reset_arrays(0)
+    pool, rng = env.scenario.resources[0], np.random.default_rng(n)
+    angle, far = rng.uniform(0, 2 * math.pi, n), 0.8 * pool.radius * np.sqrt(rng.random(n))
+    env.put(position=np.array(pool.position) + np.column_stack([np.cos(angle), np.sin(angle)]) * far[:, None])
+    eat = env.groups["agent"].actions.index("consume_pool")
     for _ in range(ticks):
-        env.step_arrays(np.ones(n, np.int64))
+        env.step_arrays(np.full(n, eat))
     return float(env.state_view.stock[0] / POOL)
 
 
@@ -252,6 +240,67 @@ def _commons_rows(done: Mapping[str, Any]) -> list[Row]:
     what = "most eaters with a fixed appetite that a full pool bears, 500 ticks"
     return [Row(what, [float(max(kept))], closed=threshold, tolerance=0.0)] + [
         Row("fewest that empty it", [float(min(lost))], closed=threshold + 1, tolerance=0.0) for _ in lost[:1]
+    ]
+
+
+# ---- predators and prey without learning -----------------------------------------------------
+
+PREY, BEARS, DIES = 500, 0.03, 0.015  # at rest; alpha and gamma per unit of time
+CYCLES = 3  # of small ones, lived per seed
+
+
+def _cycles(seed: int) -> list[float]:
+    """Return the mean prey, the mean predators and the turns per period of a life of `well_mixed`.
+
+    d ln P / dt = beta N - gamma, so the mean of N is gamma / beta up to ln(P_T / P_0) / (beta T), which is zero over
+    whole cycles and taken off here; likewise that of P.
+    """
+    env = Ecology(scenarios.load("well_mixed", prey=PREY, growth=BEARS, mortality=DIES))
+    rows = [env.groups[name].slots for name in ("prey", "predator")]
+    tick, beta = env.reset_arrays(seed), DIES / PREY
+    ticks = round(CYCLES * _period())
+    counts = np.zeros((ticks, 2))
+    for k in range(ticks):
+        actions = np.zeros(env.size, np.int64)
+        actions[rows[1]] = tick.masks["predator"].argmax(axis=1)  # the rest, where no bite is open
+        tick = env.step_arrays(actions)
+        counts[k] = [np.count_nonzero(tick.alive[r]) for r in rows]
+    change = np.log(counts[-1] / counts[0]) / (beta * ticks)
+    mean = counts.mean(axis=0) + np.array([-change[1], change[0]])
+    n, p = np.log(counts / mean).T
+    angle = np.unwrap(np.arctan2(math.sqrt(BEARS) * p, math.sqrt(DIES) * n))
+    return [float(mean[0]), float(mean[1]), float((angle[-1] - angle[0]) / (2 * math.pi) / ticks * _period())]
+
+
+def _period() -> float:
+    return 2 * math.pi / math.sqrt(BEARS * DIES)
+
+
+def _cycle_parts() -> list[Part]:
+    words = {"prey": PREY, "growth": BEARS, "mortality": DIES, "cycles": CYCLES}
+
+    def live(seed: int) -> Callable[[], list[float]]:
+        return lambda: _cycles(seed)
+
+    return [Part(f"seed-{seed}", words, 12.0, live(seed)) for seed in range(4)] if _has_well_mixed() else []
+
+
+def _has_well_mixed() -> bool:
+    return "well_mixed" in scenarios.names()
+
+
+def _cycle_rows(done: Mapping[str, Any]) -> list[Row]:
+    if not done:
+        return []
+    prey, predators, turns = zip(*done.values(), strict=True)
+    slack = BEARS + DIES  # share by which ticks of 1 move the numbers at rest
+    hunters = PREY * BEARS / DIES
+    return [
+        Row("mean prey, gamma / beta", prey, closed=PREY, tolerance=slack * PREY),
+        Row(
+            "mean predators, alpha / beta", predators, closed=PREY * BEARS / DIES, tolerance=slack * PREY * BEARS / DIES
+        ),
+        Row("turns per 2 pi / sqrt(alpha gamma)", turns, closed=1.0),
     ]
 
 
@@ -469,6 +518,13 @@ def cases() -> dict[str, Case]:
             "camping", "staying at one resource in the authors' own world", lambda: _authors_parts(True), _authors_rows
         ),
         Case("commons", "the most that a common pool bears, n q <= delta E0", _commons_parts, _commons_rows),
+        Case(
+            "lotka_volterra",
+            "mean numbers and period of well-mixed predators and prey",
+            _cycle_parts,
+            _cycle_rows,
+            [] if _has_well_mixed() else ["The scenario well_mixed is not here: left out."],
+        ),
         _empathic_case(food, "food eaten or passed, four conditions of empathy (Man and Yoshida 2024)"),
         _empathic_case(grid, "food carried to a partner, four conditions (Man and Yoshida 2024)"),
         _empathic_case(traps, "a trapped partner, four conditions (Man and Yoshida 2024)"),

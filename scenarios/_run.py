@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import hashlib
 import json
 import math
-import re
+import os
 import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,11 +20,12 @@ from agents import checkpoint, loop
 from agents.base import DivergedError
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.observers.base import Mind, Observer
-from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve
+from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"
-WRITES = (CONFIG, SUMMARY, CHECKPOINT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
+WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
 LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
 
 
@@ -70,7 +69,7 @@ class Tally:
         self.lived += alive
         self.actions[self._row, tick.action] += alive
         self.deaths += int(np.count_nonzero(tick.died))
-        self.births = state.next_serial - len(alive)
+        self.births += int(np.count_nonzero(tick.born))
         self.closed, self.returned = int(state.closed.sum()), state.returned
 
     def end(self) -> None:
@@ -198,6 +197,7 @@ class Run:
             self.tick = self.env.reset_arrays(plan.seed)
         self.stopped_by: str | None = None
         self._resumed = False
+        self._previous = False  # whether it goes on from the checkpoint before the last
 
     @property
     def now(self) -> int:
@@ -217,53 +217,59 @@ class Run:
         """Make the folder and write the config; EcologyError where it already holds a run."""
         self.check_folder()
         text = self.plan.to_toml()
-        try:
+        with writable(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
+            if self.plan.forked:  # its first tick cannot be lived again
+                self.save(self.folder / KEPT / str(self.now))
+                self.save()
             replace_text(self.folder / CONFIG, text)
-        except OSError as error:
-            raise EcologyError(
-                f"the folder {str(self.folder)!r} cannot be written: {error.strerror}. Give another --out."
-            ) from error
 
-    def restore(self) -> None:
-        """Become what the checkpoint in the folder holds; EcologyError where it does not fit."""
+    def restore(self, *, previous: bool = False) -> None:
+        """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit."""
         where = self.folder / CHECKPOINT
-        parts = checkpoint.read(where)
+        parts = checkpoint.read(where, previous=previous)
         try:
-            told = parts["run"][1]
-            mine = self._words()
-            differ = [key for key in mine if told["words"].get(key) != mine[key]]
-            if differ:
-                raise EcologyError(
-                    f"the checkpoint {str(where)!r} is of another world: it differs in {' and '.join(differ)}. "
-                    f"Restore the scenario file and {CONFIG}, or start the run anew."
-                )
+            self.check_words(parts)
             self._longer_than(parts["tally"][1]["tick"] - 1)
-            self.tally.restore(*parts["tally"])
-            for species, learner in self.learners.items():
-                learner.restore(*parts[f"learner_{species}"])
-            self.tick = self.env.restore(*parts["world"])
+            self.become(parts)
         except EcologyError:
             raise
         except Exception as error:
             raise EcologyError(
-                f"the checkpoint {str(where)!r} is damaged or foreign: {type(error).__name__}: {error}. "
-                "Start the run anew."
+                f"the checkpoint {str(where)!r} is damaged or foreign ({type(error).__name__}: {error}). "
+                f"{checkpoint.advice(where)}"
             ) from error
 
-    def resume(self) -> None:
-        """Go on from the checkpoint, to the plan's ticks; `live` writes the config once nothing can fail.
+    def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
+        """Raise EcologyError where a checkpoint is not of this run's world, learners and seed."""
+        told, mine = parts["run"][1], self._words()
+        differ = [key for key in mine if told["words"].get(key) != mine[key]]
+        if differ:
+            raise EcologyError(
+                f"the checkpoint in {str(self.folder)!r} is of another world: it differs in {' and '.join(differ)}. "
+                f"Restore the scenario file and {CONFIG}, or start the run anew."
+            )
 
-        A run that was killed before anything but its config was written begins.
+    def become(self, parts: Mapping[str, checkpoint.Part]) -> None:
+        """Become what `parts` returned; whatever is raised where they do not fit."""
+        self.tally.restore(*parts["tally"])
+        for species, learner in self.learners.items():
+            learner.restore(*parts[f"learner_{species}"])
+        self.tick = self.env.restore(*parts["world"])
+
+    def resume(self, *, previous: bool = False) -> None:
+        """Go on from the checkpoint (or the previous one), to the plan's ticks.
+
+        `live` writes the config once nothing can fail. A run that was killed before anything but its
+        config was written begins.
         """
-        if any((self.folder / name).exists() for name in WRITES if name != CONFIG) or self._has_checkpoint():
-            self.restore()
+        begun = any((self.folder / name).exists() for name in WRITES if name != CONFIG)
+        if begun or previous or checkpoint.there(self.folder / CHECKPOINT):
+            self.restore(previous=previous)
+        self._previous = previous
         if self._ended():
             self._longer_than(self.now)
         self._resumed = True
-
-    def _has_checkpoint(self) -> bool:
-        return checkpoint.there(self.folder / CHECKPOINT)
 
     def _ended(self) -> bool:
         """Return whether the summary says that the run came to the end of what it had lived."""
@@ -284,9 +290,10 @@ class Run:
         """
         interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
-        every, last = self.plan.checkpoint_every, self.plan.ticks
+        last, keep = self.plan.ticks, self.plan.keep_every
+        rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
-        with contextlib.ExitStack() as at_end:
+        with writable(self.folder), contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
                 if watcher is self.tally and not self.now:
@@ -295,12 +302,16 @@ class Run:
                 at_end.callback(watcher.end)
             if self._resumed:
                 replace_text(self.folder / CONFIG, text)
+            if self._previous:
+                checkpoint.put_aside(self.folder / CHECKPOINT)
             at_end.callback(self._write_summary)
             try:
                 while self.now < last:
-                    ticks = min(every - self.now % every, last - self.now)
+                    ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
                     self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers)
                     self._keep(observers)
+                    if keep and self.now % keep == 0:
+                        self.save(self.folder / KEPT / str(self.now))
             except StoppedError as stopped:
                 self.stopped_by = str(stopped)
                 self._keep(observers)
@@ -320,15 +331,27 @@ class Run:
             getattr(observer, "flush", lambda: None)()
         self.save()
 
-    def save(self) -> None:
-        """Write the checkpoint."""
-        parts: dict[str, checkpoint.Part] = {
+    def parts(self) -> dict[str, checkpoint.Part]:
+        """Return all that the run has become: what a checkpoint holds."""
+        return {
             "run": ({}, {"words": self._words()}),
             "tally": self.tally.state(),
             "world": self.env.snapshot(),
-        }
-        parts |= {f"learner_{species}": learner.state() for species, learner in self.learners.items()}
-        checkpoint.write(self.folder / CHECKPOINT, parts)
+        } | {f"learner_{species}": learner.state() for species, learner in self.learners.items()}
+
+    def save(self, where: Path | None = None) -> None:
+        """Write the checkpoint, or one to `where`."""
+        checkpoint.write(where or self.folder / CHECKPOINT, self.parts())
+
+    def live_on(self, at: int, observers: Sequence[Observer] = ()) -> None:
+        """Live to the tick `at` and write nothing; StoppedError where a signal came."""
+        interrupt = Interrupt()
+        with contextlib.ExitStack() as at_end:
+            for watcher in (interrupt, *observers):
+                watcher.begin(self.env, self.learners)
+                at_end.callback(watcher.end)
+            watchers = (self.tally, *observers, interrupt)
+            self.tick = loop.run(self.env, self.learners, self.tick, at - self.now, watchers)
 
     def summary(self) -> dict[str, Any]:
         """Return what summary.json holds."""
@@ -340,15 +363,17 @@ class Run:
         }
         if self.stopped_by is not None:
             head |= {"stopped_at": self.tally.tick, "stopped_by": self.stopped_by}
+        if self.plan.forked:
+            at = self.plan.forked["at"]
+            head |= {"forked_at": at, "mean_drive_since_fork": self.tally.mean_drive(at)}
         return head | self.tally.summary()
 
     def _words(self) -> dict[str, Any]:
         """Return what a checkpoint must share with the run that it is restored to, as JSON holds it."""
-        world = dataclasses.replace(self.scenario, ticks=1, settings={})
         words = {
             "seed": self.plan.seed,
-            "scenario": hashlib.sha256(json.dumps(_words_of(world), sort_keys=True).encode()).hexdigest(),
-            "learners": _words_of(self.plan.learners),
+            "scenario": world_digest(self.scenario),
+            "learners": words_of(self.plan.learners),
         }
         return json.loads(json.dumps(words))
 
@@ -368,20 +393,6 @@ def replace_text(path: Path, text: str) -> None:
     beside.replace(path)
 
 
-def _words_of(value: Any) -> Any:
-    """Return frozen words as JSON holds them: the same in every process, whatever the order of a mapping."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _words_of(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): _words_of(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_words_of(each) for each in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    plain = value is None or isinstance(value, (str, bool, int, float))
-    return value if plain else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
-
-
 @contextlib.contextmanager
 def _room(what: str) -> Iterator[None]:
     """Turn a failure to allocate into an EcologyError that says that `what` was too large."""
@@ -396,6 +407,49 @@ def _room(what: str) -> Iterator[None]:
         if not isinstance(error, (MemoryError, OverflowError)) and not any(word in told.lower() for word in about):
             raise
         raise EcologyError(f"{what} is too large for the memory of this machine ({told}); make it smaller.") from error
+
+
+@contextlib.contextmanager
+def writable(folder: Path) -> Iterator[None]:
+    """Turn a failure to write into an EcologyError that names the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise EcologyError(
+            f"the folder {str(folder)!r} cannot be written ({error.strerror or error}). Make room, or give another."
+        ) from error
+
+
+@contextlib.contextmanager
+def held(folder: Path, patience: float = 0.0) -> Iterator[None]:
+    """Keep other processes out of `folder`; EcologyError where one is still in it after `patience` seconds."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # not there: whoever opens it next says so
+        yield
+        return
+    try:
+        until = time.monotonic() + patience
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError as error:
+                if time.monotonic() >= until:
+                    raise EcologyError(
+                        f"another process is writing to the folder {str(folder)!r}; let it end, or stop it."
+                    ) from error
+                time.sleep(0.1)
+            except OSError:  # a file system without locks
+                break
+        yield
+    finally:
+        os.close(handle)
 
 
 def _big(choice: Choice) -> str:

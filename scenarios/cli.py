@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,7 +26,7 @@ from rich.table import Table
 
 import agents
 import scenarios
-from ecology import Ecology, EcologyError, State, Tick
+from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import nearest
 from ecology.observers.base import Mind, Observer
 from scenarios import _run
@@ -35,6 +37,7 @@ REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
 WIDE = 180  # characters of the certificate where there is no terminal
+CHECKED = 200  # ticks of a life in `ecology check`
 SKIPPED = 1_000  # ticks of a life from birth that are not measured, or its first tenth if that is less
 
 app = typer.Typer(
@@ -100,6 +103,29 @@ def new(name: Annotated[str, typer.Argument(help="A Python word; NAME.py is writ
     print(f"{path} is written. Run it with: ecology run {path}")
 
 
+# ---- check -----------------------------------------------------------------------------------
+
+
+@app.command()
+def check(
+    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
+    ticks: Annotated[int, typer.Option(min=1, help="Length of every life that is looked at.")] = CHECKED,
+) -> None:
+    """Hold a scenario to the contract that every scenario keeps; exit code 1 where it is broken."""
+    from ecology import contract  # needed by this command only
+
+    broken = 0
+    for holds, reason in contract.check(scenarios.load(scenario), ticks):
+        print(f"{'FAIL' if reason else 'pass'}  {holds}", flush=True)
+        if reason:
+            broken += 1
+            print(f"      {reason}")
+    if broken:
+        print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
+        raise typer.Exit(1)
+    print(f"{scenario} keeps the contract, over {ticks} ticks and {len(contract.CHECKS)} points.")
+
+
 # ---- run -------------------------------------------------------------------------------------
 
 
@@ -116,35 +142,56 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Folder of the run.  [default: runs/SCENARIO-SEED]")] = None,
     config: Annotated[Path | None, typer.Option(help="A config.toml to repeat.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Folder of a run to go on with.")] = None,
+    previous: Annotated[
+        bool, typer.Option("--previous", help="With --resume: go on from the checkpoint before the last.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
+    keep_every: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.  [default: none]")
+    ] = None,
     device: Annotated[str | None, typer.Option(help="cpu: no learner computes elsewhere yet.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
     if resume is not None:
         _refuse("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
-        _refuse("--resume", record=record, device=device)
-        it = _run.opened(resume, ticks)
-        it.resume()
-    else:
-        plan = resolve(
-            scenario,
-            config=None if config is None else read_config(config),
-            changes=dict(map(_setting, set_ or ())),
-            learners=learner or (),
-            ticks=ticks,
-            seed=seed,
-            device=device,
-            record=record,
-        )
-        it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
-        it.check_folder()
-    observers = _watchers(it, resume=resume is not None, view=view, serve=serve, connect=connect)
-    if resume is None:
-        it.start()
+        _refuse("--resume", record=record, keep_every=keep_every, device=device)
+    elif previous:
+        raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
+    with contextlib.ExitStack() as stack:
+        if resume is not None:
+            stack.enter_context(_run.held(resume))
+            it = _run.opened(resume, ticks)
+            it.resume(previous=previous)
+        else:
+            words = None if config is None else read_config(config)
+            if words and "forked" in words:
+                raise EcologyError(f"the config {str(config)!r} is of a fork; repeat that with `ecology fork`.")
+            plan = resolve(
+                scenario,
+                config=words,
+                changes=dict(map(_setting, set_ or ())),
+                learners=learner or (),
+                ticks=ticks,
+                seed=seed,
+                device=device,
+                record=record,
+                keep_every=keep_every,
+            )
+            it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
+            it.check_folder()
+        observers = _watchers(it, resume=resume is not None, view=view, serve=serve, connect=connect)
+        if resume is None:
+            it.start()
+            stack.enter_context(_run.held(it.folder))
+        _live(it, observers, quiet=quiet)
+
+
+def _live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
+    """Live a run to its end, with progress, and say what it came to."""
     if not quiet:
         observers.append(Progress(it.tally, it.plan.ticks))
     try:
@@ -161,7 +208,7 @@ def run(
 def _refuse(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
-            word = name if name.isupper() else f"--{name}"
+            word = name if name.isupper() else f"--{name.replace('_', '-')}"
             raise EcologyError(f"{option} goes on with a run as it was told; leave out {word}, or start a run anew.")
 
 
@@ -310,6 +357,164 @@ def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
+# ---- fork ------------------------------------------------------------------------------------
+
+
+@app.command()
+def fork(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    at: Annotated[int, typer.Option(min=0, metavar="TICK", help="From which it is another future.")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting that is changed; one of the start changes nothing."),
+    ] = None,
+    remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Who is no longer there.")] = None,
+    move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="What lies elsewhere.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="To which it lives.  [default: as the run]")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the fork.  [default: RUN-at-TICK]")] = None,
+    record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
+    keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
+    from scenarios import _fork
+
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_run.held(run))
+        it = _run.opened(run)
+        forked = _fork.fork(
+            it,
+            at,
+            out or run.absolute().with_name(f"{run.absolute().name}-at-{at}"),
+            changes=dict(map(_setting, set_ or ())),
+            remove=remove or (),
+            move=dict(map(_place, move or ())),
+            ticks=ticks,
+            record=record,
+            keep_every=keep_every,
+            observers=[] if quiet else [Progress(it.tally, at)],
+        )
+        observers = _watchers(forked, resume=False, view=False, serve=False, connect=None)
+        forked.start()
+        stack.enter_context(_run.held(forked.folder))
+        _live(forked, observers, quiet=quiet)
+
+
+def _place(text: str) -> tuple[str, tuple[float, float]]:
+    """Return resource and place of "RESOURCE=x,y"."""
+    name, _, place = text.partition("=")
+    try:
+        x, y = map(float, place.split(","))
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError
+    except ValueError as error:
+        raise EcologyError(f"--move takes RESOURCE=x,y, got {text!r}.") from error
+    return name.strip(), (x, y)
+
+
+# ---- sweep -----------------------------------------------------------------------------------
+
+
+@app.command()
+def sweep(
+    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
+    seeds: Annotated[str, typer.Option(metavar="FIRST:END", help="Or 1,4,9:12; END is not among them.")] = "0:8",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE,...", help="Values of a setting: KEY, learner.KEY, ..."),
+    ] = None,
+    learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME,...", help="Who learns.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of a run.  [default: the scenario's]")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the sweep.  [default: runs/sweep-SCENARIO]")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time.  [default: one a CPU]")] = None,
+    ray: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Live on a Ray cluster; `local` starts one here.")
+    ] = None,
+    record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
+    from scenarios import _sweep
+
+    settings: dict[str, list[Any]] = dict(map(_sweep.values_of, set_ or ()))
+    out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
+    cells = _sweep.cells_of(
+        scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), ticks=ticks,
+        record=record,
+    )  # fmt: skip
+    for cell in cells:
+        _sweep.check(cell)
+    Run(cells[0].plan, cells[0].folder)  # what no run can live with is told once, and now
+    outcomes = [_sweep.Outcome(cell, _sweep.finished(cell)) for cell in cells]
+    waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
+    outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
+    with _run.writable(out):
+        out.mkdir(parents=True, exist_ok=True)
+    console = Console(stderr=True, quiet=quiet)
+    with _run.held(out), _bar(console, len(cells), len(outcomes)) as show:
+        attempt, count = (_sweep.by_process, _cpus()) if ray is None or not waiting else _sweep.by_ray(ray)
+
+        def tell(outcome: _sweep.Outcome, running: int) -> None:
+            outcomes.append(outcome)
+            drive = None if outcome.summary is None else outcome.summary["mean_drive"]
+            console.print(f"{outcome.cell.name}: {outcome.failed or f'mean drive {_figure(drive)}'}", highlight=False)
+            show(f"{running} under way")
+
+        try:
+            _sweep.live(waiting, attempt, workers or count, tell)
+        except StoppedError as stopped:
+            if not quiet:
+                print(f"stopped by {stopped}; go on with the same command")
+            raise
+        finally:
+            done = [outcome for outcome in outcomes if outcome.summary is not None]
+            with _run.writable(out):
+                written = _sweep.sum_up(out, done, title=Path(scenario).stem)
+            if not quiet:
+                _say_sweep(_sweep.points(done))
+                print(
+                    f"{len(done)} of {len(cells)} runs are whole. Written: {', '.join(map(str, written)) or 'nothing'}"
+                )
+    failed = [outcome for outcome in outcomes if outcome.summary is None]
+    for outcome in failed:
+        print(f"ecology: the run {outcome.cell.folder} failed: {outcome.failed}", file=sys.stderr)
+    if failed:
+        raise typer.Exit(1)
+
+
+def _cpus() -> int:
+    """Return how many CPUs this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def _bar(console: Console, total: int, done: int) -> Iterator[Callable[[str], None]]:
+    """Show a bar of whole runs on a terminal; what it gives moves it by one."""
+    from rich import progress  # slow to load
+
+    with progress.Progress(
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("runs  {task.description}"),
+        progress.TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal or done == total,
+    ) as bar:
+        task = bar.add_task("", total=total, completed=done)
+        yield lambda words: bar.update(task, advance=1, description=words)
+
+
+def _say_sweep(found: Sequence[Any]) -> None:
+    """Print the mean drives of a sweep as a table."""
+    if found:
+        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", "mean drive", "95 % interval")
+        for point in found:
+            interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
+            words = map(str, (*point.varied.values(), point.runs))
+            table.add_row(*words, _figure(point.mean), interval)
+        Console().print(table)
+
+
 # ---- evaluate and view -----------------------------------------------------------------------
 
 
@@ -320,10 +525,17 @@ def evaluate(
     ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = 10_000,
     places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
     seed: Annotated[int | None, typer.Option(min=0, help="[default: the run's + 1000]")] = None,
+    in_: Annotated[
+        str | None, typer.Option("--in", metavar="SCENARIO", help="Another world.  [default: the run's]")
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
     it = _run.opened(run)
+    world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
     it.restore()
@@ -345,21 +557,33 @@ def evaluate(
                 console.print(words, highlight=False)
 
         findings = evaluation.evaluate(
-            it.scenario,
+            world,
             learner,
             it.plan.seed + EVALUATION_SEED if seed is None else seed,
             ticks=ticks,
             skip=min(SKIPPED, ticks // 10),
             places=places,
             name=it.plan.learners[learner.group.name].name,
+            home=None if world is it.scenario else it.scenario,
             tell=tell,
         )
         tell("figures")
-        drawn = figures.draw(run / _run.FIGURES, it.scenario, findings, learner.group.layout.names, metrics)
-        _run.write_json(run / _run.EVALUATION, findings.report)  # last: with it the evaluation is whole
+        drawn = figures.draw(where / _run.FIGURES, world, findings, learner.group.layout.names, metrics)
+        _run.write_json(where / _run.EVALUATION, findings.report)  # last: with it the evaluation is whole
     if not quiet:
         _say_findings(findings.report)
-        print(f"written: {run / _run.EVALUATION} and {len(drawn)} figures in {run / _run.FIGURES}")
+        print(f"written: {where / _run.EVALUATION} and {len(drawn)} figures in {where / _run.FIGURES}")
+
+
+def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
+    """Return the world to measure a run's learner in, and the folder for what is found: the run's own, or another."""
+    if scenario is None and not changes:
+        return it.scenario, it.folder
+    own = {} if scenario is not None else it.plan.settings
+    scenario = scenario or it.plan.scenario
+    world = scenarios.load(scenario, **{**own, **dict(map(_setting, changes))})
+    label = "-".join(["in", Path(scenario).stem, *changes])
+    return world, it.folder / re.sub(r"[^\w=.-]+", "_", label)
 
 
 def _say_findings(report: Mapping[str, Any]) -> None:

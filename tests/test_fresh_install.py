@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 import shutil
 import subprocess
 import sys
@@ -44,11 +46,16 @@ def _python(installed: Path, *words: str) -> str:
     return done.stdout
 
 
+def _files(folder: Path) -> list[Path]:
+    """Return the files under `folder`, but what Python and Numba made of them."""
+    return [path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+
+
 def test_every_module_is_installed(installed: Path) -> None:
     """What lies in the packages' folders here is what an install brings."""
     for name in PACKAGES:
-        here = {p.relative_to(ROOT) for p in (ROOT / name).rglob("*") if p.is_file() and p.suffix != ".pyc"}
-        there = {p.relative_to(installed) for p in (installed / name).rglob("*") if p.suffix != ".pyc"}
+        here = {path.relative_to(ROOT) for path in _files(ROOT / name)}
+        there = {path.relative_to(installed) for path in _files(installed / name)}
         assert here - there == set(), "add the package to [tool.setuptools] in pyproject.toml"
 
 
@@ -75,8 +82,8 @@ def test_the_project_has_its_names_to_itself() -> None:
 def test_constraints_pin_every_direct_dependency() -> None:
     """constraints.txt names one version of everything that pyproject.toml asks for."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    asked = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
-    names = {line.split(">")[0].split("=")[0] for line in asked}
+    asked = [*project["dependencies"], *itertools.chain(*project["optional-dependencies"].values())]
+    names = {re.split(r"[\[<>=]", line)[0] for line in asked}
     lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
     assert all("==" in line for line in lines)
     assert {line.partition("==")[0] for line in lines} == names

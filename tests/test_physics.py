@@ -9,6 +9,7 @@ import shapely
 import ecology
 import scenarios
 from ecology import Arena, move, physics, rest
+from ecology.kernels import inside_polygon
 from scenarios.paper import ARENA
 
 SQUARE = Arena(vertices=((0, 0), (10, 0), (10, 10), (0, 10)))
@@ -197,7 +198,7 @@ def test_inside_polygon_agrees_with_shapely():
     for arena in (SQUARE, ARENA, SHARP):
         points = rng.uniform(-1, 11, (4000, 2))
         expected = shapely.Polygon(arena.vertices).contains(shapely.points(points))
-        assert np.array_equal(physics.inside_polygon(np.array(arena.vertices, float), points), expected)
+        assert np.array_equal(inside_polygon(np.array(arena.vertices, float), points), expected)
 
 
 def test_births_are_scattered_over_the_arena():

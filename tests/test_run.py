@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import shutil
@@ -20,11 +21,12 @@ import pyarrow.parquet as pq
 import pytest
 
 import agents
+import ecology
 from agents import checkpoint
 from agents.base import DivergedError, Learner, Transition
 from ecology import EcologyError
 from scenarios import _run
-from scenarios._plan import read_config, resolve
+from scenarios._plan import read_config, resolve, words_of
 from scenarios._run import Run
 from scenarios.cli import main
 
@@ -56,6 +58,10 @@ def cli(*words: str) -> None:
     assert not left.value.code
 
 
+def _files(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 @pytest.fixture
 def crowd(tmp_path: Path) -> Callable[..., Run]:
     """Return a maker of runs of a crowd that touches all the time, not yet begun."""
@@ -70,12 +76,23 @@ def crowd(tmp_path: Path) -> Callable[..., Run]:
     return make
 
 
+def test_births_are_counted_where_there_is_room_for_more(tmp_path: Path) -> None:
+    """The summary counts the born, whatever the number of slots; slots that were never taken are no births."""
+    text = CROWD.replace("count=12", "count=3, capacity=12, birth=Birth(rate=0.01)").replace("Arena,", "Arena, Birth,")
+    (tmp_path / "growing.py").write_text(text)
+    run = Run(resolve(str(tmp_path / "growing.py"), learners=["random"], ticks=100, record=False), tmp_path / "out")
+    run.start()
+    summary = run.live()
+    assert summary["births"] - summary["deaths"] == run.tick.alive.sum() - 3
+    assert summary["births"] > 0
+
+
 def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
     """Config, summary, metrics, recording and checkpoint are written, and nothing else."""
     out = tmp_path / "mine"
     cli("run", "paper", "--learner", "random", "--ticks", "200", "--out", str(out), "--quiet")
     assert {path.name for path in out.iterdir()} == {
-        "config.toml", "summary.json", "metrics.parquet", "recording.rrd", "checkpoint",
+        "config.toml", "summary.json", "metrics.parquet", "recording.rrd", "checkpoint", "checkpoint.previous",
     }  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     assert summary["scenario"] == "paper"
@@ -227,9 +244,10 @@ def test_a_killed_run_goes_on_whenever_it_was_killed(tmp_path: Path, capsys: pyt
     (killed / "summary.json").unlink()
     cli("run", "--resume", str(killed), "--quiet")
     assert end(killed) == end(whole)
-    # a run that has ended, and one that lost its checkpoint, are not begun again
-    for change, named in ((lambda: None, "--ticks"), (lambda: shutil.rmtree(killed / "checkpoint"), "no checkpoint")):
-        change()
+    # a run that has ended, and one that lost its checkpoints, are not begun again
+    for lost, named in (((), "--ticks"), (("checkpoint", "checkpoint.previous"), "no checkpoint")):
+        for name in lost:
+            shutil.rmtree(killed / name)
         with pytest.raises(SystemExit, match="2"):
             main(["run", "--resume", str(killed)])
         assert named in capsys.readouterr().err
@@ -252,13 +270,13 @@ def test_going_on_writes_nothing_where_it_fails(tmp_path: Path, capsys: pytest.C
     out = tmp_path / "mine"
     cli("run", "paper", "--learner", "random", "--ticks", "20", "--out", str(out), "--quiet")
     (out / "metrics.parquet").write_bytes(b"PAR1 no more")
-    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    before = _files(out)
     with pytest.raises(SystemExit, match="2"):
         main(["run", "--resume", str(out), "--ticks", "40"])
     err = capsys.readouterr().err
     assert "metrics.parquet" in err
     assert "Traceback" not in err
-    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    assert _files(out) == before
     assert not (out / "metrics.parquet.parts").exists()
 
 
@@ -315,13 +333,13 @@ def test_a_damaged_checkpoint_is_one_clear_error(
     run.start()
     run.live()
     DAMAGE[damage](run.folder / _run.CHECKPOINT)
-    before = {path: path.read_bytes() for path in run.folder.rglob("*") if path.is_file()}
+    before = _files(run.folder)
     with pytest.raises(SystemExit, match="2"):
         main(["run", "--resume", str(run.folder), "--ticks", "40"])
     err = capsys.readouterr().err
     assert str(run.folder) in err
     assert "Traceback" not in err
-    assert {path: path.read_bytes() for path in run.folder.rglob("*") if path.is_file()} == before
+    assert _files(run.folder) == before
 
 
 def test_a_foreign_checkpoint_is_refused(crowd: Callable[..., Run], tmp_path: Path) -> None:
@@ -375,8 +393,8 @@ def test_a_checkpoint_of_other_settings_of_the_learner_is_refused(tmp_path: Path
 def test_the_words_of_a_checkpoint_are_the_same_in_every_process() -> None:
     """Neither the order of a mapping nor an address in memory counts."""
     one, other = {"a": 1, "b": (1.0, np.int64(2))}, {"b": [1.0, 2], "a": 1}
-    assert json.dumps(_run._words_of(one), sort_keys=True) == json.dumps(_run._words_of(other), sort_keys=True)
-    assert _run._words_of(object()) == _run._words_of(object())
+    assert json.dumps(words_of(one), sort_keys=True) == json.dumps(words_of(other), sort_keys=True)
+    assert words_of(object()) == words_of(object())
 
 
 @pytest.mark.parametrize(
@@ -403,10 +421,162 @@ def test_a_checkpoint_outlives_a_failure_while_it_is_written(tmp_path: Path) -> 
     with pytest.raises(TypeError):
         checkpoint.write(folder, {"part": ({"x": np.arange(4)}, {"y": object()})})
     assert checkpoint.read(folder)["part"][1] == {"y": 1}
-    folder.rename(tmp_path / "checkpoint.old")
+    folder.rename(tmp_path / "checkpoint.previous")
     arrays, _ = checkpoint.read(folder)["part"]
     np.testing.assert_array_equal(arrays["x"], np.arange(3))
     arrays["x"][0] = 7  # what is read can be written
+
+
+KILLED = """
+import os, pathlib, random, shutil, signal, sys, time
+import numpy as np
+from agents import checkpoint
+folder = pathlib.Path(sys.argv[1])
+
+def write(n):
+    checkpoint.write(folder, {"part": ({"x": np.full(50_000, n)}, {"n": n}), "other": ({}, {"n": n})})
+
+def opens():
+    parts = checkpoint.read(folder)
+    n = parts["part"][1]["n"]
+    assert parts["other"][1]["n"] == n and (parts["part"][0]["x"] == n).all()
+    return n
+
+def child(life):
+    pid = os.fork()
+    if not pid:
+        life()
+        os._exit(0)
+    return pid
+
+left = [signal.SIGKILL]
+def kill(event, _):  # an audit event comes before every operation on files
+    if event.split(".")[0] in ("open", "os", "shutil"):
+        left[0] -= 1
+        if left[0] == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+def killed_at(operation):
+    left[0] = operation
+    sys.addaudithook(kill)
+    write(3)
+
+seen, operation, status = set(), 0, 1
+while status:  # until the write outlives its operations
+    operation += 1
+    shutil.rmtree(folder.parent, ignore_errors=True)
+    write(1), write(2)
+    status = os.waitpid(child(lambda: killed_at(operation)), 0)[1]
+    seen.add(opens())
+print("operations", operation - 1, "left", sorted(seen))
+
+def on_and_on():
+    n = opens()
+    while True:
+        n += 1
+        write(n)
+
+rng = random.Random(0)
+for _ in range(60):
+    pid = child(on_and_on)
+    time.sleep(rng.uniform(0.002, 0.02))
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    opens()
+print("lived to", opens())
+"""
+
+
+def test_a_checkpoint_opens_whenever_its_writer_was_killed(tmp_path: Path) -> None:
+    """SIGKILL before every single operation on files, and at 60 random moments, leaves a whole checkpoint."""
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(tmp_path / "run/checkpoint")], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    told = done.stdout.split()
+    assert int(told[1]) >= 8  # make, write thrice, remove the previous, rename twice
+    assert "left [2, 3]" in done.stdout
+    assert int(told[-1]) > 20
+
+
+def test_the_previous_checkpoint_is_used_on_request(
+    crowd: Callable[..., Run], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the last checkpoint is damaged, the error names the one before it, and `--previous` lives on from there.
+
+    The end is the same as that of a run whose checkpoints were whole; the damaged one is kept aside.
+    """
+    whole = crowd("whole", 300)
+    whole.start()
+    whole.live()
+    run = crowd("mine", 200)
+    run.start()
+    run.live()
+    assert lived(run.folder) == 200
+    _flip(run.folder / "checkpoint")
+    before = _files(run.folder)
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "--resume", str(run.folder), "--ticks", "300"])
+    assert f"`ecology run --resume {run.folder} --previous`" in capsys.readouterr().err
+    assert _files(run.folder) == before
+    cli("run", "--resume", str(run.folder), "--previous", "--ticks", "300", "--quiet")
+    assert lived(run.folder) == 300
+    one, other = (checkpoint.read(each.folder / _run.CHECKPOINT) for each in (whole, run))
+    for name, (arrays, _) in one.items():
+        for key, array in arrays.items():
+            np.testing.assert_array_equal(array, other[name][0][key], err_msg=f"{name} {key}")
+    with pytest.raises(EcologyError, match="damaged"):
+        checkpoint.read(run.folder / "checkpoint.aside")
+
+
+def test_a_run_without_a_previous_checkpoint_says_so(
+    crowd: Callable[..., Run], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`--previous` where there is none, or without `--resume`, gives exit code 2 and says so."""
+    run = crowd("mine", 20)
+    run.start()
+    run.live()
+    shutil.rmtree(run.folder / "checkpoint.previous")  # of tick 0
+    for words, named in (
+        (["--resume", str(run.folder), "--ticks", "40"], "no previous checkpoint"),
+        (["paper"], "--resume"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            main(["run", *words, "--previous"])
+        assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("key", "value"), [("format", 1), ("ecology", "0.0.9")])
+def test_a_checkpoint_of_another_version_names_both(crowd: Callable[..., Run], key: str, value: object) -> None:
+    """Another format, or another version of ecology, is refused with what wrote it and what reads it."""
+    run = crowd("mine", 20)
+    run.start()
+    run.live()
+    _change(key, value)(run.folder / "checkpoint")
+    written = {"format": checkpoint.FORMAT, "ecology": ecology.__version__} | {key: value}
+    with pytest.raises(EcologyError) as told:
+        run.restore()
+    assert f"by ecology {written['ecology']} in format {written['format']}" in str(told.value)
+    assert f"this is ecology {ecology.__version__}, which reads its own in format {checkpoint.FORMAT}" in str(
+        told.value
+    )
+
+
+def test_a_full_disk_is_one_clear_error(crowd: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A checkpoint that finds no room is an EcologyError, and the one before it is still there."""
+    run = crowd("mine", 200)
+    run.start()
+    real = Path.write_bytes
+
+    def full(path: Path, data: bytes) -> int:
+        if run.now == 200:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(EcologyError, match="No space left on device"):
+        run.live()
+    assert lived(run.folder) == 100
 
 
 class Diverging(Learner):

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ecology.env import Group
+from ecology.kernels import inside_polygon
 from ecology.observers.base import Mind
-from ecology.physics import inside_polygon
 from ecology.spec import Arena, Species
 from ecology.state import Bools, Floats
 

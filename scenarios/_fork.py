@@ -1,0 +1,142 @@
+"""A fork: the same world lived on from one tick with one thing changed, so that two futures can be compared."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents import checkpoint
+from ecology import Ecology, EcologyError, Scenario
+from ecology.errors import nearest
+from ecology.observers.base import Observer
+from ecology.physics import inside_polygon
+from ecology.spec import Oscillation
+from ecology.state import CAUSES
+from scenarios._plan import CONFIG, read_config, resolve
+from scenarios._run import CHECKPOINT, KEPT, Run
+
+Place = tuple[float, float]
+
+
+def fork(
+    run: Run,
+    at: int,
+    out: Path,
+    *,
+    changes: Mapping[str, Any],
+    remove: Sequence[str] = (),
+    move: Mapping[str, Place] | None = None,
+    ticks: int | None = None,
+    record: bool | None = None,
+    keep_every: int | None = None,
+    observers: Sequence[Observer] = (),
+) -> Run:
+    """Return a run to `out` that goes on with the world that `run` was at tick `at`, not yet begun.
+
+    `run` is as opened; it goes to the last state that is known at or before `at` and lives on from
+    there, watched by `observers`. `changes` are settings of the scenario and of learners, `remove` are
+    names of agents, `move` new places of resources. Raises EcologyError where they do not fit.
+    """
+    plan = resolve(config=read_config(run.folder / CONFIG), changes=changes, ticks=ticks, record=record,
+                   keep_every=keep_every)  # fmt: skip
+    told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(changes), "remove": list(remove)}
+    told["move"] = {name: list(place) for name, place in (move or {}).items()}
+    if plan.ticks <= at:
+        raise EcologyError(f"a fork at tick {at} that lives to tick {plan.ticks} has no future; give more --ticks.")
+    forked = Run(dataclasses.replace(plan, forked=told), out)
+    forked.check_folder()
+    _check_changes(run.scenario, forked.scenario)
+    _go_to(run, at, observers)
+    parts = run.parts()
+    arrays, values = parts["world"]
+    parts["world"] = _changed(run.env, arrays, remove, move or {}), values
+    try:
+        forked.become(parts)
+    except Exception as error:
+        raise EcologyError(
+            f"the run cannot go on with these settings ({error}). A fork changes numbers, not what there is in the "
+            "world, nor the shape of a learner."
+        ) from error
+    return forked
+
+
+def _go_to(run: Run, at: int, observers: Sequence[Observer]) -> None:
+    """Bring `run` to the tick `at`: restored from the last state before it that opens, and lived on."""
+    states = _states(run)
+    usable = [tick for tick in states if tick <= at <= run.plan.ticks]
+    if not usable:
+        raise EcologyError(
+            f"the run {str(run.folder)!r} cannot be forked at tick {at}: its states are known at tick "
+            f"{', '.join(map(str, sorted(states))) or '(none)'}, and it lives to tick {run.plan.ticks}. Give an --at "
+            f"from {min(states, default=0)} to {run.plan.ticks}."
+        )
+    parts = states[max(usable)]
+    if parts is not None:
+        run.become(parts)
+    run.live_on(at, observers)
+
+
+def _states(run: Run) -> dict[int, dict[str, checkpoint.Part] | None]:
+    """Return the states of a run that are known, by tick; None of a birth, which is lived again.
+
+    A checkpoint that is damaged is none: whichever is gone on from, the life is the same.
+    """
+    found: dict[int, dict[str, checkpoint.Part] | None] = {} if run.plan.forked else {0: None}
+    newest = run.folder / CHECKPOINT
+    for where in [*(run.folder / KEPT).glob("[0-9]*"), checkpoint.previous_of(newest), newest]:
+        try:
+            parts = checkpoint.read(where)
+            run.check_words(parts)
+            found[int(parts["tally"][1]["tick"])] = parts
+        except (EcologyError, KeyError, TypeError, ValueError):
+            continue
+    return found
+
+
+def _check_changes(before: Scenario, after: Scenario) -> None:
+    """Raise EcologyError where a setting changes what a fork cannot, or what only a beginning knows."""
+    if before.dt != after.dt:
+        raise EcologyError(f"a fork keeps the length of a tick, {before.dt!r}; got dt {after.dt!r}.")
+    for old, new in zip(before.resources, after.resources, strict=False):
+        if old.name == new.name and old.position != new.position:
+            raise EcologyError(
+                f"a setting places the resource {old.name!r} at the start only; move it by --move {old.name}=x,y."
+            )
+
+
+def _changed(
+    env: Ecology, arrays: Mapping[str, np.ndarray], remove: Sequence[str], move: Mapping[str, Place]
+) -> dict[str, np.ndarray]:
+    """Return the arrays of a snapshot of `env` without the agents `remove`, resources being moved."""
+    arrays = {name: array.copy() for name, array in arrays.items()}
+    living = {env.name_of(slot): slot for slot in np.flatnonzero(arrays["alive"]).tolist()}
+    for name in remove:
+        if name not in living:
+            raise EcologyError(f"no agent {name!r} lives at tick {env.state_view.tick}. {nearest(name, living)}")
+        arrays["alive"][living[name]] = False
+        arrays["cause"][living[name]] = CAUSES.index("rule")
+    first = 0
+    patches = {}
+    for resource in env.scenario.resources:
+        patches[resource.name] = (first, resource)
+        first += resource.count
+    for name, place in move.items():
+        owner, _, number = name.partition(".")
+        if owner not in patches:
+            raise EcologyError(f"there is no resource {owner!r} to move. {nearest(owner, patches)}")
+        row, resource = patches[owner]
+        if not (number or "0").isdecimal() or int(number or 0) >= resource.count or (resource.count > 1) > bool(number):
+            raise EcologyError(
+                f"the resource {owner!r} has {resource.count} patches, counted from 0; write "
+                f"--move {owner}{'.0' if resource.count > 1 else ''}=x,y, got {name!r}."
+            )
+        if isinstance(resource.motion, Oscillation):
+            raise EcologyError(f"the resource {owner!r} oscillates between two places of its own; it cannot be moved.")
+        if not inside_polygon(np.array(env.scenario.arena.vertices, float), np.array([place], float))[0]:
+            raise EcologyError(f"the place {place!r} for the resource {owner!r} lies outside the arena.")
+        arrays["resource_position"][row + int(number or 0)] = place
+    return arrays

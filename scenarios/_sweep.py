@@ -1,0 +1,441 @@
+"""A sweep: one scenario lived under many settings, learners and seeds, and what they come to together.
+
+Every run is a folder and a process of its own, started as `python -m scenarios._sweep FOLDER` with a
+pipe for its standard input: where the pipe closes, because the sweep stops or has died, the run stops
+after the present tick and can be gone on with.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import itertools
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ecology import EcologyError
+from scenarios._plan import CONFIG, Plan, resolve
+from scenarios._run import SUMMARY, StoppedError, held, replace_text, writable
+
+TABLE, FIGURE, RUNS = "sweep.parquet", "sweep.png", "runs"  # what the folder of a sweep holds
+RETRIES = 3  # times that a run is begun or gone on with again after its process died
+PATIENCE = 60.0  # seconds for which a run waits for the last process in its folder to end
+CONFIDENCE = 0.95
+LONGEST = 100  # characters of a run's name
+DPI = 130
+USER_ERROR = 2  # exit code that another attempt would not change
+
+Attempt = Callable[[Path, threading.Event], tuple[int, str]]  # folder, stop -> exit code, what it said
+
+
+# ---- what is to be lived -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One run of a sweep: what is told to it, and what of that sets it apart."""
+
+    plan: Plan
+    varied: Mapping[str, Any]  # "set.KEY", "learner": what was typed, the seed aside
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Return the name of the run's folder."""
+        return self.folder.name
+
+
+def seeds_of(text: str) -> list[int]:
+    """Return the seeds of "0:32" (32 is not among them), "7" or "1,4,9:12"."""
+    found: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,18})\s*(?::\s*(\d{1,18})\s*)?", part)
+        if match is None or (match[2] and not 0 < int(match[2]) - int(match[1]) <= 1_000_000):
+            raise EcologyError(f"--seeds takes whole numbers and ranges FIRST:END, as 0:32 or 1,4,9:12; got {text!r}.")
+        found.extend(range(int(match[1]), int(match[2] or int(match[1]) + 1)))
+    return list(dict.fromkeys(found))
+
+
+def values_of(text: str) -> tuple[str, list[Any]]:
+    """Return key and values of "key=1,2,[3, 4],word": TOML, or words where it is not."""
+    key, sign, told = text.partition("=")
+    if not sign or not key.strip() or not told.strip():
+        raise EcologyError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
+    values = _toml(f"[{told}]")
+    if values is None:
+        values = [word if (value := _toml(word)) is None else value for word in map(str.strip, told.split(","))]
+    return key.strip(), values
+
+
+def _toml(text: str) -> Any:
+    with contextlib.suppress(tomllib.TOMLDecodeError, RecursionError):
+        read = tomllib.loads(f"value = {text}")
+        return read["value"] if set(read) == {"value"} else None
+    return None
+
+
+def cells_of(
+    scenario: str,
+    out: Path,
+    *,
+    seeds: Sequence[int],
+    settings: Mapping[str, Sequence[Any]],
+    learners: Sequence[str] = (),
+    **flags: Any,
+) -> list[Cell]:
+    """Return every run of a sweep, each plan resolved and checked; seeds vary fastest.
+
+    `settings` are values by name as `resolve` takes them; `learners` are "a,b" or "SPECIES=a,b", every
+    one of them a thing that varies.
+    """
+    axes: dict[str, list[tuple[str, Any]]] = {}  # what varies -> its values, each as a pair for `resolve`
+    for key, values in settings.items():
+        axes[f"set.{key}"] = [(key, value) for value in values]
+    for word in learners:
+        species, _, names = word.rpartition("=")
+        axis = f"learner.{species}" if species else "learner"
+        axes[axis] = [("learner", f"{species}={name}" if species else name) for name in names.split(",")]
+    cells: dict[str, Cell] = {}
+    for choice in itertools.product(*axes.values()):
+        told = dict(zip(axes, choice, strict=True))
+        chosen = [value for key, value in choice if key == "learner"]
+        changes = {key: value for key, value in choice if key != "learner"}
+        plan = resolve(scenario, changes=changes, learners=chosen, seed=seeds[0], **flags)
+        varied = {axis: str(value).rpartition("=")[2] if key == "learner" else value
+                  for axis, (key, value) in told.items()}  # fmt: skip
+        several = {axis: varied[axis] for axis in axes if len(axes[axis]) > 1}
+        for seed in seeds:
+            name = _name(several, seed)
+            cells[name] = Cell(plan=replace(plan, seed=seed), varied=varied, folder=out / RUNS / name)
+    return list(cells.values())
+
+
+def _name(varied: Mapping[str, Any], seed: int) -> str:
+    """Return the name of a run's folder: what it was told, and a digest of that where a name cannot hold it."""
+    told = "_".join(f"{axis.removeprefix('set.')}={value}" for axis, value in varied.items())
+    name = re.sub(r"[^\w.=+-]", "-", told)
+    if name != told or len(name) > LONGEST:
+        name = f"{name[:LONGEST]}-{hashlib.sha256(told.encode()).hexdigest()[:8]}"
+    return f"{name}_seed={seed}" if name else f"seed={seed}"
+
+
+def finished(cell: Cell) -> dict[str, Any] | None:
+    """Return the summary of a run that has come to its end, None of one that has not."""
+    try:
+        told = json.loads((cell.folder / SUMMARY).read_text(encoding="utf-8"))
+        return told if told["ticks"] == cell.plan.ticks and "stopped_at" not in told else None
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def check(cell: Cell) -> None:
+    """Raise EcologyError where the folder of a run holds a run that was told something else."""
+    try:
+        there = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError) as error:
+        raise EcologyError(f"the config {str(cell.folder / CONFIG)!r} cannot be read: {error}.") from error
+    mine = tomllib.loads(cell.plan.to_toml())
+    worlds = [words.pop("made_with", {}).get("world") for words in (mine, there)]
+    differ = [key for key in sorted(mine.keys() | there.keys()) if mine.get(key) != there.get(key)]
+    if not differ and worlds[0] != worlds[1]:
+        differ = ["the scenario file, which has changed since"]
+    if differ:
+        raise EcologyError(
+            f"the folder {str(cell.folder)!r} holds a run of another sweep: it differs in {' and '.join(differ)}. "
+            "Give another --out."
+        )
+
+
+# ---- living it ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a run: its summary, or why there is none."""
+
+    cell: Cell
+    summary: dict[str, Any] | None
+    failed: str = ""
+
+
+def live(
+    cells: Iterable[Cell],
+    attempt: Attempt,
+    workers: int,
+    tell: Callable[[Outcome, int], None],
+) -> None:
+    """Live all `cells` to their end, `workers` at a time; `tell` hears of each and how many are under way.
+
+    A run whose process dies is gone on with, `RETRIES` times; one that fails by its own error is not.
+    A signal to stop lets the runs under way stop after their present tick: then StoppedError.
+    """
+    stop, heard = threading.Event(), []
+    waiting = list(cells)[::-1]
+
+    def hear(signum: int, _: object) -> None:
+        heard.append(signum)
+        stop.set()
+
+    with contextlib.ExitStack() as at_end:
+        if threading.current_thread() is threading.main_thread():
+            for signum in (signal.SIGINT, signal.SIGTERM):
+                at_end.callback(signal.signal, signum, signal.signal(signum, hear))
+        pool = at_end.enter_context(ThreadPoolExecutor(workers))
+        at_end.callback(stop.set)  # whatever happens here, nobody is left running
+        running: set[Any] = set()
+        while running or (waiting and not stop.is_set()):
+            while waiting and len(running) < workers and not stop.is_set():
+                running.add(pool.submit(_lived, waiting.pop(), attempt, stop))
+            done, running = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
+            for future in done:
+                tell(future.result(), len(running))
+    if heard:
+        raise StoppedError(heard[0])
+
+
+def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
+    """Live one run to its end."""
+    code, said = 0, ""
+    for _ in range(1 + RETRIES):
+        if stop.is_set():
+            return Outcome(cell, None, "stopped")
+        try:
+            with writable(cell.folder):
+                cell.folder.mkdir(parents=True, exist_ok=True)
+                if not (cell.folder / CONFIG).exists():
+                    replace_text(cell.folder / CONFIG, cell.plan.to_toml())
+        except EcologyError as error:
+            return Outcome(cell, None, str(error))
+        code, said = attempt(cell.folder, stop)
+        summary = finished(cell)
+        if summary is not None:
+            return Outcome(cell, summary)
+        if code == 0:
+            said = f"its folder {str(cell.folder)!r} is not seen from here; give an --out that every machine sees"
+        if code in (0, USER_ERROR):
+            break
+    else:
+        said = f"its process died {1 + RETRIES} times, at last with exit code {code}. {said}".rstrip()
+    return Outcome(cell, None, "stopped" if stop.is_set() else said)
+
+
+def by_process(folder: Path, stop: threading.Event) -> tuple[int, str]:
+    """Live the run in `folder` in a process of one thread; return its exit code and its last line of error."""
+    with tempfile.TemporaryFile() as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "scenarios._sweep", str(folder)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            start_new_session=True,  # Ctrl-C reaches the sweep alone, which passes it on
+        )
+        assert process.stdin is not None
+        try:
+            while process.poll() is None and not stop.wait(0.05):
+                pass
+        finally:
+            process.stdin.close()
+            process.wait()
+        errors.seek(0)
+        lines = errors.read().decode(errors="replace").strip().splitlines()
+    return process.returncode, lines[-1] if lines else ""
+
+
+def by_ray(address: str) -> tuple[Attempt, int]:
+    """Return the same on a Ray cluster ("local" starts one on this machine), and how many CPUs it has."""
+    try:
+        import ray
+    except ImportError as error:
+        raise EcologyError(
+            "--ray needs the package ray, which is not installed; install it with: pip install 'ecology-sandbox[ray]'"
+        ) from error
+    try:
+        if address not in ("local", "auto"):  # ray itself would wait for somebody to answer for many minutes
+            host, _, port = address.removeprefix("ray://").rpartition(":")
+            socket.create_connection((host, int(port)), timeout=PATIENCE).close()
+        ray.init(None if address == "local" else address, log_to_driver=False, logging_level="error")
+    except (OSError, ValueError, OverflowError, RuntimeError) as error:
+        told = str(error).strip().partition("\n")[0]
+        raise EcologyError(
+            f"there is no Ray cluster to join at {address!r} ({told}); give local, auto or HOST:PORT."
+        ) from error
+    task = ray.remote(num_cpus=1, max_retries=0)(_in_worker)
+
+    def attempt(folder: Path, stop: threading.Event) -> tuple[int, str]:
+        under_way = task.remote(str(folder))
+        while not ray.wait([under_way], timeout=0.2)[0]:
+            if stop.is_set():
+                ray.cancel(under_way)
+        try:
+            return ray.get(under_way)
+        except ray.exceptions.RayError as error:
+            return -1, str(error).strip().partition("\n")[0]
+
+    return attempt, max(1, int(ray.cluster_resources().get("CPU", 1)))
+
+
+def _in_worker(folder: str) -> tuple[int, str]:
+    """Live the run in `folder` on a machine of the cluster; a cancelled task stops it as Ctrl-C would."""
+    return by_process(Path(folder), threading.Event())
+
+
+def _process() -> None:
+    """Be the process of one run: stop when standard input closes."""
+    from scenarios import cli
+
+    def listen() -> None:
+        while os.read(sys.stdin.fileno(), 1):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=listen, daemon=True).start()
+    folder = Path(sys.argv[1])
+    with contextlib.suppress(EcologyError), held(folder, patience=PATIENCE):
+        pass  # the last process in the folder has ended
+    cli.main(["run", "--resume", str(folder), "--quiet"])
+
+
+# ---- what it came to ---------------------------------------------------------------------------
+
+
+def row(cell: Cell, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row of the table: settings as `set.KEY`, learners, seed, and the summary's numbers."""
+    plan = cell.plan
+    head = {"run": cell.name, "scenario": plan.scenario, "seed": plan.seed, "ticks": plan.ticks}
+    head |= {f"learner.{species}": choice.name for species, choice in plan.learners.items()}
+    head |= {f"set.{key}": value for key, value in plan.settings.items()}
+    head |= {key: value for key, value in cell.varied.items() if key.startswith("set.")}
+    return head | dict(_flat({key: value for key, value in summary.items() if key not in ("learner", *head)}))
+
+
+def _flat(words: Mapping[str, Any], where: str = "") -> Iterable[tuple[str, Any]]:
+    for key, value in words.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{where}{key}.")
+        else:
+            yield f"{where}{key}", value
+
+
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write `rows` as parquet, in the place of what is there; a column of several kinds holds words."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = {}
+    for key in dict.fromkeys(key for each in rows for key in each):
+        values = [each.get(key) for each in rows]
+        try:
+            columns[key] = pa.array(values)
+        except (pa.ArrowException, OverflowError):
+            columns[key] = pa.array([None if value is None else str(value) for value in values])
+    beside = path.with_name(path.name + ".new")
+    pq.write_table(pa.table(columns), beside, compression="zstd")
+    beside.replace(path)
+
+
+def sum_up(out: Path, done: Sequence[Outcome], title: str) -> list[Path]:
+    """Write the table and the figure of the runs that are whole, and return their paths; of none, nothing."""
+    if not done:
+        return []
+    ordered = sorted(done, key=lambda outcome: (repr(outcome.cell.varied), outcome.cell.plan.seed))
+    write_table(out / TABLE, [row(outcome.cell, outcome.summary or {}) for outcome in ordered])
+    found = points(ordered)
+    if not found:  # nobody lived
+        return [out / TABLE]
+    draw(out / FIGURE, found, title)
+    return [out / TABLE, out / FIGURE]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """The mean drive under one choice of settings, over seeds."""
+
+    varied: Mapping[str, Any]
+    runs: int
+    mean: float
+    low: float  # of the t interval over seeds; NaN of one run
+    high: float
+
+
+def points(outcomes: Iterable[Outcome]) -> list[Point]:
+    """Return the mean drives by what varied, with their 95 % t intervals over seeds."""
+    from scipy import stats  # slow to load
+
+    groups: dict[str, tuple[Mapping[str, Any], list[float]]] = {}
+    for outcome in outcomes:
+        drive = (outcome.summary or {}).get("mean_drive")
+        if drive is not None:
+            groups.setdefault(repr(outcome.cell.varied), (outcome.cell.varied, []))[1].append(drive)
+    found = []
+    for varied, drives in groups.values():
+        n, mean, low, high = len(drives), float(np.mean(drives)), np.nan, np.nan
+        if n > 1:
+            half = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * stats.sem(drives)
+            low, high = mean - half, mean + half
+        found.append(Point(varied=varied, runs=n, mean=mean, low=float(low), high=float(high)))
+    return found
+
+
+def draw(path: Path, found: Sequence[Point], title: str) -> None:
+    """Draw the mean drives over the first setting that varies, a line for every choice of the others."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from ecology.observers.colours import PALETTE
+
+    axes = [axis for axis in found[0].varied if len({repr(point.varied[axis]) for point in found}) > 1]
+    first, others = (axes[0], axes[1:]) if axes else ("", [])
+    values = [point.varied.get(first, "") for point in found]
+    numeric = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
+    words = list(dict.fromkeys(map(str, values)))
+    lines: dict[str, list[tuple[float, Point]]] = {}
+    for value, point in zip(values, found, strict=True):
+        name = ", ".join(f"{axis.removeprefix('set.')} {point.varied[axis]}" for axis in others)
+        lines.setdefault(name, []).append((float(value) if numeric else words.index(str(value)), point))
+    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.add_subplot()
+    step = min(np.diff(np.unique([at for line in lines.values() for at, _ in line])), default=1.0)
+    for i, (name, line) in enumerate(lines.items()):
+        line.sort(key=lambda pair: pair[0])
+        aside = 0.02 * step * (i - (len(lines) - 1) / 2)  # intervals that lie on each other are told apart
+        at = np.array([at for at, _ in line]) + aside
+        mean = np.array([point.mean for _, point in line])
+        half = np.nan_to_num([point.high - point.mean for _, point in line])
+        ax.errorbar(
+            at, mean, half, fmt="o-", capsize=4, linewidth=1.3, markersize=5, label=name,
+            color=np.array(PALETTE[(i - 2) % len(PALETTE)]) / 255,
+        )  # fmt: skip
+    if not numeric:
+        ax.set_xticks(range(len(words)), words)
+    ax.set_xlabel(first.removeprefix("set."))
+    ax.set_ylabel("mean drive, drive units (less is better)")
+    runs = sorted({point.runs for point in found})
+    ax.set_title(f"{title}: mean and 95 % t interval over {'-'.join(map(str, runs))} seeds", fontsize=11)
+    if others:
+        ax.legend(fontsize=8, frameon=False)
+    beside = path.with_name(path.name + ".new")
+    figure.savefig(beside, dpi=DPI, format="png")
+    beside.replace(path)
+
+
+if __name__ == "__main__":
+    _process()

@@ -1,0 +1,182 @@
+"""A fork: two futures of one world, which are the same where nothing was changed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agents import checkpoint
+from ecology.state import CAUSES
+from scenarios.cli import main
+
+CROWD = """
+'''Wide bodies in a small room: they touch each other and the walls at every tick.'''
+from ecology import Arena, Drift, Need, Oscillation, Resource, Scenario, Species, consume, go_to, move, rest, turn
+
+def build(decay=0.01, noise=0.02, count=8, width=4.0, dt=1.0, place=1.0):
+    need = Need(name="food", set_point=2.0, decay=decay, noise=noise, bounds=(0.0, 4.0))
+    actions = (rest(), move("walk", 0.3), turn("left", 0.7), turn("right", -0.7),
+               consume("berries", {"food": 0.1}), go_to("berries", 0.2))
+    crowd = Species(name="crowd", needs=(need,), actions=actions, count=count, radius=0.2, learner="random")
+    resources = (Resource(name="berries", position=(place, 1.0)), Resource(name="herds", count=3),
+                 Resource(name="swing", position=(0.5, 0.5), motion=Oscillation(to=(1.0, 0.5), period=9.0)))
+    return Scenario(name="crowd", arena=Arena(vertices=((0, 0), (2, 0), (2, 2), (0, 2))), species=(crowd,),
+                    resources=resources, dt=dt, ticks=120)
+"""
+SMALL = ("--set", "learner.width=4", "--set", "learner.memory=50")
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def ecology(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Return the command line in a folder that holds crowd.py: words -> exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    Path("crowd.py").write_text(CROWD)
+
+    def type_(*words: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as left:
+            main(words)
+        return int(left.value.code or 0), *capsys.readouterr()
+
+    return type_
+
+
+@pytest.fixture
+def original(ecology: Command) -> Command:
+    """Return the same command line where ./run has lived 120 ticks, states kept at 40, 80 and 120."""
+    words = ("--keep-every", "40", "--out", "run", "--no-record", "--quiet")
+    assert ecology("run", "crowd.py", *words) == (0, "", "")
+    return ecology
+
+
+def same(one: str, other: str) -> None:
+    """Hold the last checkpoints of two runs to each other, bit for bit, clocks aside."""
+    a, b = (checkpoint.read(Path(each, "checkpoint")) for each in (one, other))
+    assert a.keys() == b.keys()
+    for name, (arrays, values) in a.items():
+        assert {**values, "seconds": 0} == {**b[name][1], "seconds": 0}, name
+        assert arrays.keys() == b[name][0].keys()
+        for key, array in arrays.items():
+            np.testing.assert_array_equal(array, b[name][0][key], err_msg=f"{name} {key}")
+
+
+@pytest.mark.parametrize("at", ["0", "40", "57", "80", "119"])
+def test_a_fork_without_a_change_is_the_original(original: Command, at: str) -> None:
+    """From any tick, kept or lived up to, world, learners, memories and random streams end bit for bit the same."""
+    assert original("fork", "run", "--at", at, "--quiet") == (0, "", "")
+    same("run", f"run-at-{at}")
+
+
+def test_a_fork_of_those_who_learn_is_the_original(ecology: Command) -> None:
+    """The same holds for networks, their optimisers and memories, and with metrics and recording."""
+    Path("crowd.py").write_text(CROWD.replace("count=3", "count=1"))
+    words = ("--learner", "hjb", *SMALL, "--keep-every", "50", "--out", "run", "--quiet")
+    assert ecology("run", "crowd.py", *words) == (0, "", "")
+    assert ecology("fork", "run", "--at", "70", "--out", "other", "--quiet") == (0, "", "")
+    same("run", "other")
+    assert Path("other/recording.rrd").stat().st_size > 0
+    metrics = [pq.read_table(f"{folder}/metrics.parquet") for folder in ("run", "other")]
+    late = metrics[0].filter(np.array(metrics[0]["tick"]) > 70)
+    assert late.num_rows == 5 * 8
+    assert late.equals(metrics[1])
+
+
+def test_what_is_changed_is_changed_from_then_on(original: Command) -> None:
+    """A setting, an agent that is gone and a resource elsewhere: the past is the original's, the future is not."""
+    assert original("fork", "run", "--at", "60", "--set", "decay=0.5", "--out", "hungry", "--quiet")[0] == 0
+    words = ("--remove", "crowd_3", "--remove", "crowd_5", "--move", "berries=0.5,1.5", "--move", "herds.1=1,1")
+    assert original("fork", "run", "--at", "60", *words, "--out", "fewer", "--quiet")[0] == 0
+    was, hungry, fewer = (checkpoint.read(Path(each, "checkpoint")) for each in ("run", "hungry", "fewer"))
+    drive = {name: parts["tally"][0]["drive"] for name, parts in (("was", was), ("hungry", hungry), ("fewer", fewer))}
+    assert (drive["was"][:60] == drive["hungry"][:60]).all()
+    assert (drive["was"][:60] == drive["fewer"][:60]).all()
+    assert drive["hungry"][-1] > 2 * drive["was"][-1]
+    world = fewer["world"][0]
+    assert np.flatnonzero(~world["alive"]).tolist() == [3, 5]
+    assert {CAUSES[i] for i in world["cause"][[3, 5]]} == {"rule"}
+    assert (fewer["tally"][0]["living"] == [8] * 60 + [6] * 60).all()
+    assert world["resource_position"][[0, 2]].tolist() == [[0.5, 1.5], [1.0, 1.0]]
+    assert (world["resource_position"][[1, 3]] == was["world"][0]["resource_position"][[1, 3]]).all()
+    summary = json.loads(Path("hungry/summary.json").read_text())
+    assert summary["forked_at"] == 60
+    assert summary["mean_drive_since_fork"] == pytest.approx(drive["hungry"][60:].mean() / 8)
+
+
+def test_a_fork_is_a_run_like_any_other(original: Command) -> None:
+    """It says whose it is, is gone on with and is forked again, but is not begun from its config alone."""
+    assert (
+        original("fork", "run", "--at", "60", "--set", "decay=0.5", "--ticks", "90", "--out", "new", "--quiet")[0] == 0
+    )
+    assert 'run = "' in Path("new/config.toml").read_text()
+    assert original("run", "--resume", "new", "--ticks", "120", "--quiet")[0] == 0
+    assert original("fork", "run", "--at", "60", "--set", "decay=0.5", "--out", "whole", "--quiet")[0] == 0
+    same("new", "whole")
+    assert original("fork", "new", "--at", "75", "--out", "again", "--quiet")[0] == 0
+    same("new", "again")
+    code, _, err = original("run", "--config", "new/config.toml", "--out", "nowhere")
+    assert code == 2
+    assert "ecology fork" in err
+    code, _, err = original("fork", "new", "--at", "50", "--out", "nowhere")
+    assert code == 2
+    assert "known at tick 60, 80, 90, 120" in err
+    assert "from 60 to 120" in err
+    assert not Path("nowhere").exists()
+
+
+def test_a_damaged_state_is_passed_over(original: Command) -> None:
+    """Where kept states are damaged or gone, an earlier one is lived on from, to the same."""
+    for path in Path("run").rglob("world.safetensors"):
+        path.write_bytes(b"")
+    assert original("fork", "run", "--at", "90", "--out", "other", "--quiet")[0] == 0
+    shutil.rmtree("run/checkpoints")
+    assert original("fork", "run", "--at", "90", "--out", "third", "--quiet")[0] == 0
+    same("other", "third")
+    assert checkpoint.read(Path("other/checkpoint"))["tally"][1]["tick"] == 120
+
+
+BAD = {
+    "beyond its end": (["--at", "130", "--ticks", "200"], "from 0 to 120"),
+    "no future": (["--at", "120"], "--ticks"),
+    "an unknown setting": (["--set", "decy=1"], "'decay'"),
+    "another tick": (["--set", "dt=0.5"], "length of a tick"),
+    "another world": (["--set", "count=9"], "not what there is"),
+    "a place of the start": (["--set", "place=0.5"], "--move berries=x,y"),
+    "nobody": (["--remove", "crowd_9"], "'crowd_7'"),
+    "no resource": (["--move", "bery=1,1"], "'berries'"),
+    "no place": (["--move", "berries=1"], "RESOURCE=x,y"),
+    "outside": (["--move", "berries=3,1"], "outside"),
+    "a place of NaN": (["--move", "berries=nan,1"], "RESOURCE=x,y"),
+    "which patch": (["--move", "herds=1,1"], "herds.0=x,y"),
+    "no such patch": (["--move", "herds.3=1,1"], "3 patches"),
+    "on its own way": (["--move", "swing=1,1"], "oscillates"),
+    "itself": (["--out", "run"], "already holds a run"),
+    "nothing to fork": (["nothing"], "unexpected"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_words_are_one_clear_error(original: Command, case: str) -> None:
+    """What cannot be forked gives exit code 2, says why, and leaves all as it was."""
+    words, named = BAD[case]
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    code, _, err = original("fork", "run", "--quiet", *(() if "--at" in words else ("--at", "60")), *words)
+    assert code == 2
+    assert named in err
+    assert "Traceback" not in err
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+
+
+def test_kept_states_are_those_of_their_ticks(original: Command) -> None:
+    """`--keep-every` keeps a whole checkpoint under its tick; a resumed run cannot change it."""
+    assert sorted(path.name for path in Path("run/checkpoints").iterdir()) == ["120", "40", "80"]
+    for tick in (40, 80, 120):
+        assert checkpoint.read(Path(f"run/checkpoints/{tick}"))["tally"][1]["tick"] == tick
+    code, _, err = original("run", "--resume", "run", "--ticks", "200", "--keep-every", "10")
+    assert code == 2
+    assert "--keep-every" in err
