@@ -297,9 +297,7 @@ def _cycle_rows(done: Mapping[str, Any]) -> list[Row]:
     hunters = PREY * BEARS / DIES
     return [
         Row("mean prey, gamma / beta", prey, closed=PREY, tolerance=slack * PREY),
-        Row(
-            "mean predators, alpha / beta", predators, closed=PREY * BEARS / DIES, tolerance=slack * PREY * BEARS / DIES
-        ),
+        Row("mean predators, alpha / beta", predators, closed=hunters, tolerance=slack * hunters),
         Row("turns per 2 pi / sqrt(alpha gamma)", turns, closed=1.0),
     ]
 
