@@ -30,6 +30,7 @@ LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
     "random": ("agents.baselines", "Random", None, "every open action with the same probability"),
     "rest": ("agents.baselines", "Rest", None, "does nothing for as long as its body lets it"),
     "greedy": ("agents.baselines", "Greedy", None, "the least predicted drive one tick ahead"),
+    "qvalue": ("agents.baselines", "QValue", None, "the least mean drive seen after an action"),
 }
 
 

@@ -1,8 +1,9 @@
-"""Baselines that know nothing of the world: random, resting, and greedy in the drive."""
+"""Baselines that know nothing of the world: random, resting, and two that go by what each action brought."""
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,7 @@ from agents.base import Learner, Transition, drive_terms
 from ecology import EcologyError, Group
 from ecology.errors import nearest
 
-EXPLORES = 0.2  # share of random actions of the greedy agent while it learns
+EXPLORES = 0.2  # share of random actions while one learns
 
 
 def draw_open(masks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -41,13 +42,8 @@ class Rest(Learner):
         return np.where(masks[:, self.rest], self.rest, masks.argmax(axis=1))
 
 
-class Greedy(Learner):
-    """One who takes the open action after which it predicts the least drive, one tick ahead.
-
-    The prediction is its own: the mean change of the deviations that it has met with each action, in the
-    follow-up's words "argmin of the predicted next drive". An action not yet met is predicted to
-    change nothing.
-    """
+class Averaging(Learner):
+    """One who keeps the mean of what it has met with each action, and takes the open action that scores least."""
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -55,11 +51,13 @@ class Greedy(Learner):
         return {"epsilon": EXPLORES}
 
     @classmethod
-    def with_settings(cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]) -> Greedy:
-        """Return n greedy agents; the setting `epsilon` is the share of random actions while learning."""
+    def with_settings(cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]) -> Averaging:
+        """Return n agents; the setting `epsilon` is the share of random actions while learning."""
         for name in settings:
             if name not in cls.defaults():
-                raise EcologyError(f"the learner greedy has no setting {name!r}. {nearest(name, cls.defaults())}")
+                raise EcologyError(
+                    f"the learner {cls.__name__.lower()} has no setting {name!r}. {nearest(name, cls.defaults())}"
+                )
         return cls(group, seed, **{**cls.defaults(), **settings})
 
     def __init__(self, group: Group, seed: np.random.SeedSequence, epsilon: float = EXPLORES) -> None:
@@ -68,29 +66,40 @@ class Greedy(Learner):
             raise EcologyError(f"learner setting epsilon must lie between 0 and 1, got {epsilon!r}.")
         self.epsilon = float(epsilon)
         self.mix, self.felt, self.exponent = drive_terms(group.layout)
-        shape = (self.size, len(group.actions))
-        self.met = np.zeros(shape)  # how often each action has been met
-        self.change = np.zeros((*shape, len(group.layout.kinds)))  # mean change of zeta in a tick with it
+        nobody = np.zeros((0, len(group.layout.kinds)))
+        self.met = np.zeros((self.size, len(group.actions)))  # how often each action has been met
+        self.mean = np.zeros((*self.met.shape, self.brings(nobody, nobody).shape[1]))  # of what it brought
+
+    @abstractmethod
+    def brings(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Return what is kept of a tick that led from zeta `before` to `after` (k, D), (k, K)."""
+
+    @abstractmethod
+    def score(self, zeta: np.ndarray) -> np.ndarray:
+        """Return what is expected of every action at zeta (n, D), (n, A); less is better."""
+
+    def drive(self, zeta: np.ndarray) -> np.ndarray:
+        """Return d, (...) at zeta (..., D)."""
+        own = np.square(zeta @ self.mix).sum(axis=-1) + self.group.layout.epsilon
+        return own ** (self.exponent / 2) + zeta @ self.felt
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
-        """Return open actions (n,): epsilon-greedy in the predicted next drive."""
-        after = observations[:, None] + self.change  # (n, A, D)
-        own = np.square(after @ self.mix).sum(axis=-1) + self.group.layout.epsilon
-        score = np.where(masks, own ** (self.exponent / 2) + after @ self.felt, np.inf)
+        """Return open actions (n,): epsilon-greedy in the score."""
+        score = np.where(masks, self.score(observations), np.inf)
         explores = self.rng.random(self.size) < self.epsilon
         return np.where(explores, draw_open(masks, self.rng), score.argmin(axis=1))
 
     def learn(self, transition: Transition) -> None:
-        """Take the change of one tick into the mean of the action executed."""
+        """Take what one tick brought into the mean of the action executed."""
         row = np.flatnonzero(transition.alive)
         action = transition.actions[row]
-        change = (transition.next_observations - transition.observations)[row]
+        brought = self.brings(transition.observations[row], transition.next_observations[row])
         self.met[row, action] += 1
-        self.change[row, action] += (change - self.change[row, action]) / self.met[row, action][:, None]
+        self.mean[row, action] += (brought - self.mean[row, action]) / self.met[row, action][:, None]
 
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:
         """Forget what the last agent in each of `slots` (k,) has met."""
-        self.met[slots], self.change[slots] = 0, 0
+        self.met[slots], self.mean[slots] = 0, 0
 
     def evaluating(self, epsilon: float) -> None:
         """Stop learning and explore with `epsilon` from now on."""
@@ -100,10 +109,42 @@ class Greedy(Learner):
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the means, the counts and the random stream."""
         arrays, values = super().state()
-        return {**arrays, "met": self.met, "change": self.change}, {**values, "epsilon": self.epsilon}
+        return {**arrays, "met": self.met, "mean": self.mean}, {**values, "epsilon": self.epsilon}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned."""
         super().restore(arrays, values)
-        self.met[:], self.change[:] = arrays["met"], arrays["change"]
+        self.met[:], self.mean[:] = arrays["met"], arrays["mean"]
         self.epsilon = values["epsilon"]
+
+
+class Greedy(Averaging):
+    """One who takes the open action after which it predicts the least drive, one tick ahead.
+
+    The prediction is its own: the mean change of zeta that it has met with each action, in the
+    follow-up's words "argmin of the predicted next drive". An action not yet met is predicted to
+    change nothing.
+    """
+
+    def brings(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Return the change of zeta, (k, D)."""
+        return after - before
+
+    def score(self, zeta: np.ndarray) -> np.ndarray:
+        """Return the predicted next drive, (n, A)."""
+        return self.drive(zeta[:, None] + self.mean)
+
+
+class QValue(Averaging):
+    """One who takes the open action after which the drive was least in the mean, whatever its state.
+
+    The follow-up's "Q-value" baseline. An action not yet met counts as bringing no drive, so it is tried.
+    """
+
+    def brings(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Return the drive after the tick, (k, 1)."""
+        return self.drive(after)[:, None]
+
+    def score(self, zeta: np.ndarray) -> np.ndarray:
+        """Return the mean drive seen after each action, (n, A)."""
+        return self.mean[..., 0]

@@ -16,7 +16,7 @@ from scipy import stats
 
 from agents import loop
 from agents.base import Learner
-from agents.baselines import Greedy, Random, Rest
+from agents.baselines import Greedy, QValue, Random, Rest
 from agents.planner import Camping, Paths, Planner, served
 from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
 from ecology.actions import ActionTable, compile_actions
@@ -26,7 +26,8 @@ from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
 from ecology.senses import wrap
 from ecology.state import Bools, Floats, Ints
 
-BASELINES = ("planner", "camping", "greedy", "random", "rest")
+BASELINES = ("planner", "camping", "greedy", "qvalue", "random", "rest")
+LEARN = {"greedy": Greedy, "qvalue": QValue}  # those that have lived as long as they are measured
 EPSILON = 0.05  # exploration while evaluated
 BLOCK = 500  # ticks whose mean is one observation of the bootstrap
 CONFIDENCE, RESAMPLES = 0.95, 2000
@@ -118,6 +119,31 @@ def company(env: Ecology, learner: Learner) -> dict[str, Learner]:
         )
     others = [group for group in env.groups.values() if group.name != learner.group.name]
     return found | {group.name: Rest(group, np.random.SeedSequence(0)) for group in others}
+
+
+def check_fits(learner: Learner, scenario: Scenario) -> None:
+    """Raise EcologyError where `learner` senses or does anything that its species does not in `scenario`."""
+    mine = learner.group
+    theirs = Ecology(scenario).groups.get(mine.name)
+    differ = (
+        ["species"]
+        if theirs is None
+        else [
+            what
+            for what, here, there in (
+                ("slots", mine.slots, theirs.slots),
+                ("actions", mine.actions, theirs.actions),
+                ("senses", mine.layout.names, theirs.layout.names),
+                ("length of a tick", mine.dt, theirs.dt),
+            )
+            if here != there
+        ]
+    )
+    if differ:
+        raise EcologyError(
+            f"the learner of the species {mine.name!r} does not fit the scenario {scenario.name!r}: it differs in "
+            f"{' and '.join(differ)}; measure it in a world of the same body."
+        )
 
 
 def live(env: Ecology, learner: Learner, tick: Tick, ticks: int) -> Life:
@@ -519,25 +545,28 @@ def evaluate(
     skip: int = 1000,
     places: int = PROBES,
     name: str | None = None,
+    home: Scenario | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Findings:
-    """Measure `learner`, trained for its species of `scenario`, against the baselines and the true world.
+    """Measure `learner` in `scenario`, against the baselines and the true world.
 
     The learner stops learning for good; agents of other species rest. `slot` counts within the species
     and says whose maps and checks are meant; drives and probes are averaged over all. `name` is what the learner
-    is called in the report. `tell` is called
-    with a line before each part. Raises EcologyError where `skip` leaves no ticks.
+    is called in the report. `home` is the world that it was trained in, where that is another one; baselines
+    that learn do so there too. `tell` is called with a line before each part. Raises EcologyError where
+    `skip` leaves no ticks, or where the learner does not fit the world.
     """
     if not 0 <= skip < ticks:
         raise EcologyError(f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped.")
     group = learner.group
+    check_fits(learner, scenario)
     tell("living")
     life = fresh_life(scenario, learner, ticks, seed)
     drives = {"learned": interval(drive_series(life, skip))}
     for other_name in BASELINES:
         tell(f"living as {other_name}")
         try:
-            other = baseline(other_name, scenario, group, seed, ticks)
+            other = baseline(other_name, scenario, group, seed, ticks, home)
         except EcologyError:
             continue  # a world in which this one cannot live: nothing to walk to
         drives[other_name] = interval(mean_drive(scenario, other, ticks, seed, skip))
@@ -558,6 +587,8 @@ def evaluate(
     tell("transition check")
     report = {
         "scenario": scenario.name,
+        "settings": dict(scenario.settings),
+        "trained_in": None if home is None else {"scenario": home.name, "settings": dict(home.settings)},
         "species": group.name,
         "learner": name or type(learner).__name__.lower(),
         "slot": slot,
@@ -598,15 +629,17 @@ def closed_gap(drives: Mapping[str, Mapping[str, Any]]) -> float | None:
     return (camping - learned) / (camping - planner) if camping - planner > 0.01 * planner else None
 
 
-def baseline(name: str, scenario: Scenario, group: Group, seed: int, ticks: int) -> Learner:
-    """Return one of `BASELINES`, ready to be evaluated over `ticks`; the greedy one has learned as long."""
+def baseline(
+    name: str, scenario: Scenario, group: Group, seed: int, ticks: int, home: Scenario | None = None
+) -> Learner:
+    """Return one of `BASELINES`, ready to be evaluated over `ticks`; those that learn have lived as long in `home`."""
     stream = np.random.SeedSequence(seed)
     if name == "planner":
         return Planner(group, stream, scenario)
     if name == "camping":
         return Camping(group, stream, scenario)
-    if name == "greedy":
-        greedy, env = Greedy(group, stream), Ecology(scenario)
-        loop.run(env, company(env, greedy), env.reset_arrays(seed), ticks)
-        return greedy
+    if name in LEARN:
+        learner, env = LEARN[name](group, stream), Ecology(home or scenario)
+        loop.run(env, company(env, learner), env.reset_arrays(seed), ticks)
+        return learner
     return {"random": Random, "rest": Rest}[name](group, stream)

@@ -6,7 +6,8 @@ every learner does, one elementary action a tick, within the action mask.
 A plan is a round of resources with, for every stay, the deviation up to which the agent eats, and
 thresholds of fatigue for naps, rests and running. Plans are compared in an abstract model (the true
 body, with walks as a number of ticks) and improved by cross-entropy search; the best one is carried out
-with geodesic paths.
+with geodesic paths. Resources that swing or are not always there are planned with as if they stood at
+their position and were.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from ecology import Arena, Ecology, EcologyError, Group, Scenario
 from ecology.actions import ActionTable, compile_actions
 from ecology.physiology import advance, clamp, compile_bodies, drive
 from ecology.senses import wrap
+from ecology.spec import Oscillation
 from ecology.state import Bools, Floats, Ints
 
 SLACK = 0.02  # overlap with a wall that a path tolerates, length
@@ -154,10 +156,11 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
     """Return what there is to know for the species of `group`; EcologyError where no round is possible."""
     species = scenario.species[group.index]
     for resource in scenario.resources:
-        if not resource.constant:
+        swings = resource.motion is None or isinstance(resource.motion, Oscillation)
+        if resource.position is None or not swings or not math.isinf(resource.stock):
             raise EcologyError(
-                f"a planner counts on resources that are unlimited, always available and stay in place; "
-                f"{resource.name!r} of {scenario.name!r} is not. Leave planner and camping out of the comparison."
+                f"a planner counts on resources that are unlimited and stay in place, or swing about it; "
+                f"{resource.name!r} of {scenario.name!r} does not. Leave planner and camping out of the comparison."
             )
     table = compile_actions(species, scenario.resources, len(species.needs), scenario.species)
     serves = [served(table, r) for r in range(len(scenario.resources))]
@@ -443,7 +446,13 @@ class Yardstick(Learner):
         species = scenario.species[group.index]
         self.paths = Paths(scenario.arena, species.radius)
         self.places = np.array([r.position for r in scenario.resources])
-        self.radii = np.array([r.radius for r in scenario.resources])
+        # where one may be at it: its circle, and as far as it swings
+        motions = [r.motion for r in scenario.resources]
+        swing = [
+            math.dist(place, m.to) if isinstance(m, Oscillation) else 0.0
+            for place, m in zip(self.places, motions, strict=True)
+        ]
+        self.radii = np.array([r.radius for r in scenario.resources]) + swing
         self.steering = Steering(self.paths, self.known, scenario.dt)
         names = list(group.layout.names)
         self._at = [names.index("x"), names.index("y")]
@@ -500,6 +509,7 @@ class Yardstick(Learner):
             goal = plan.order[row, self.stage]
             # a float32 zeta may place the body a hair off the circle that the world has it in
             at = np.hypot(*(position - self.places[goal]).T) <= self.radii[goal] - 1e-6
+            at &= ~(masks[row, known.go[goal]] & (known.go[goal] >= 0))  # who can go to it is not there
             eats, sleeps, rests = wants(plan, self.stage, at, internal, known)
             done = at & ~eats & ~sleeps & ~rests & (masks.sum(axis=1) > 1)
             self.stage = np.where(done, (self.stage + 1) % plan.length, self.stage)

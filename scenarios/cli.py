@@ -9,6 +9,7 @@ import ast
 import contextlib
 import math
 import os
+import re
 import subprocess
 import sys
 import time
@@ -24,7 +25,7 @@ from rich.table import Table
 
 import agents
 import scenarios
-from ecology import Ecology, EcologyError, State, Tick
+from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import nearest
 from ecology.observers.base import Mind, Observer
 from scenarios import _run
@@ -498,10 +499,17 @@ def evaluate(
     ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = 10_000,
     places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
     seed: Annotated[int | None, typer.Option(min=0, help="[default: the run's + 1000]")] = None,
+    in_: Annotated[
+        str | None, typer.Option("--in", metavar="SCENARIO", help="Another world.  [default: the run's]")
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
     it = _run.opened(run)
+    world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
     it.restore()
@@ -523,21 +531,33 @@ def evaluate(
                 console.print(words, highlight=False)
 
         findings = evaluation.evaluate(
-            it.scenario,
+            world,
             learner,
             it.plan.seed + EVALUATION_SEED if seed is None else seed,
             ticks=ticks,
             skip=min(SKIPPED, ticks // 10),
             places=places,
             name=it.plan.learners[learner.group.name].name,
+            home=None if world is it.scenario else it.scenario,
             tell=tell,
         )
         tell("figures")
-        drawn = figures.draw(run / _run.FIGURES, it.scenario, findings, learner.group.layout.names, metrics)
-        _run.write_json(run / _run.EVALUATION, findings.report)  # last: with it the evaluation is whole
+        drawn = figures.draw(where / _run.FIGURES, world, findings, learner.group.layout.names, metrics)
+        _run.write_json(where / _run.EVALUATION, findings.report)  # last: with it the evaluation is whole
     if not quiet:
         _say_findings(findings.report)
-        print(f"written: {run / _run.EVALUATION} and {len(drawn)} figures in {run / _run.FIGURES}")
+        print(f"written: {where / _run.EVALUATION} and {len(drawn)} figures in {where / _run.FIGURES}")
+
+
+def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
+    """Return the world to measure a run's learner in, and the folder for what is found: the run's own, or another."""
+    if scenario is None and not changes:
+        return it.scenario, it.folder
+    own = {} if scenario is not None else it.plan.settings
+    scenario = scenario or it.plan.scenario
+    world = scenarios.load(scenario, **{**own, **dict(map(_setting, changes))})
+    label = "-".join(["in", Path(scenario).stem, *changes])
+    return world, it.folder / re.sub(r"[^\w=.-]+", "_", label)
 
 
 def _say_findings(report: Mapping[str, Any]) -> None:

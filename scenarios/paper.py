@@ -36,7 +36,9 @@ def build(
     ticks: int = 60_000,
 ) -> Scenario:
     """Return the world: `heading` False gives four absolute directions instead of turns."""
-    foods = tuple(Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES))
+    foods = tuple(
+        Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES[: len(set_points)])
+    )
     needs = tuple(
         Need(name=f"need_{i + 1}", set_point=level, decay=decay, bounds=(0.0, 2 * level))
         for i, level in enumerate(set_points)

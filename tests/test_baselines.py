@@ -76,7 +76,7 @@ def test_greedy_learns_to_eat_when_hungry_and_to_stop_when_full(room):
     env = Ecology(scenario)
     learner = Greedy(env.groups["agent"], SEED)
     loop.run(env, {"agent": learner}, env.reset_arrays(0), 100)
-    np.testing.assert_allclose(learner.change[0, :, 0], [-0.01, 0.09], atol=1e-5)
+    np.testing.assert_allclose(learner.mean[0, :, 0], [-0.01, 0.09], atol=1e-5)
     learner.evaluating(0.0)
     masks = np.ones((1, 2), bool)
     assert learner.act(np.array([[-1.0, 5, 5, 0]], np.float32), masks)[0] == 1
