@@ -19,6 +19,7 @@ import numpy as np
 
 from ecology.env import Ecology, Tick
 from ecology.errors import EcologyError
+from ecology.kernels import inside_polygon
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints
@@ -166,10 +167,10 @@ def dicts_and_arrays_agree(scenario: Scenario, ticks: int) -> None:
         living = of_dicts.agents
         _same(len(living), np.count_nonzero(before.alive), f"tick {t}: the count of agents")
         names = {int(slot): name for slot, name in zip(np.flatnonzero(before.alive), living, strict=True)}
-        five = of_dicts.step({name: int(actions[slot]) for slot, name in names.items()})
+        five: tuple[Any, ...] = of_dicts.step({name: int(actions[slot]) for slot, name in names.items()})
         names |= {int(slot): of_arrays.name_of(int(slot)) for slot in np.flatnonzero(tick.born)}
         for part, word in zip(five, ("observations", "rewards", "terminations", "truncations", "infos"), strict=True):
-            _same(sorted(part), sorted(names.values()), f"tick {t}: the agents in {word}")
+            _same(sorted(map(str, part)), sorted(names.values()), f"tick {t}: the agents in {word}")
         observations, rewards, terminations, truncations, infos = five
         for group in of_arrays.groups.values():
             for slot in (slot for slot in names if group.slots.start <= slot < group.slots.stop):
@@ -268,6 +269,24 @@ def a_snapshot_lives_on(scenario: Scenario, ticks: int) -> None:
     require(env.state_view.next_serial == other.state_view.next_serial, "the next serial is another.")
 
 
+def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
+    """Hold the living to be within the arena, whatever they do."""
+    env = Ecology(scenario)
+    walls = np.array(scenario.arena.vertices, dtype=float)
+    (left, bottom), (right, top) = scenario.arena.extent
+    for _, _, tick in _lives(env, 9, ticks):
+        places = env.state_view.position
+        if scenario.arena.walls:
+            inside = inside_polygon(walls, places)
+        else:
+            x, y = places.T
+            inside = (x >= left) & (x < right) & (y >= bottom) & (y < top)
+        for slot in np.flatnonzero(tick.alive & ~inside).tolist():
+            raise EcologyError(
+                f"tick {env.state_view.tick}: {env.name_of(slot)} is outside the arena, at {places[slot].tolist()}."
+            )
+
+
 def accounts_close(scenario: Scenario, ticks: int) -> None:
     """Hold every quantity to what came in less what went out, to rounding, and no stock to be below zero."""
     env = Ecology(scenario)
@@ -338,6 +357,7 @@ CHECKS: Mapping[str, Check] = {
     "what was handed out stays as it was": what_was_handed_out_stays,
     "the same seed gives the same life": the_seed_decides_the_life,
     "a snapshot lives on bit for bit": a_snapshot_lives_on,
+    "nobody leaves the arena": bodies_stay_inside,
     "every account closes": accounts_close,
     "names never return": names_never_return,
 }

@@ -222,7 +222,7 @@ def _observe_others(
     pairs, eyes = around.pairs, around.eyes
     assert pairs is not None
     n = len(zeta)
-    index = np.full(1 + int(max(kinds.max(), around.species_of.max())), -1)
+    index = np.full(1 + int(max(kinds.max(), around.species_of[-1])), -1)
     index[kinds] = np.arange(len(kinds))
     found = nearest_seen(
         pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, index >= 0,
@@ -281,7 +281,7 @@ def compile_eyes(species: tuple[Species, ...], arena: Arena, resources: tuple[Re
         open=not arena.walls or bool(polygon.convex_hull.area - polygon.area <= 1e-12 * polygon.area),
         wall_from=vertices,
         wall_along=np.roll(vertices, -1, axis=0) - vertices,
-        reach=np.array([r.radius for r in resources for _ in range(r.count)]),
+        reach=np.array([r.radius for r in resources for _ in range(r.count)], float),
     )
 
 

@@ -9,6 +9,7 @@ from worlds import everything, kind, square
 import ecology
 import scenarios
 from ecology import Ecology, EcologyError, contract, life, resources, senses
+from ecology.physics import Physics
 
 AGENT_TICKS = 4000  # of each life, but at least 60 ticks
 CROWDS = {
@@ -183,6 +184,11 @@ SABOTAGE = {
     ),
     "a snapshot lives on bit for bit": lambda: damaged(
         "snapshot", lambda it: (it[0] | {"hold": it[0]["hold"] * 0}, it[1])
+    ),
+    "nobody leaves the arena": lambda: (
+        Physics,
+        "move",
+        lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
     ),
     "every account closes": lambda: (
         resources,
