@@ -396,6 +396,8 @@ def _say(folder: Path, summary: Mapping[str, Any]) -> None:
         f"{summary['ticks']:,} ticks in {summary['wall_seconds']:,.1f} s; mean drive {_figure(drive)}, "
         f"in the last tenth {_figure(last)}. The run is in {folder}"
     )
+    for name, of in summary["population"].items() if summary["births"] or summary["deaths"] else ():
+        print(f"{name}: {of['end']} alive, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
     watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
 
