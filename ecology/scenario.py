@@ -12,6 +12,7 @@ from ecology.senses import SENSES, layout
 from ecology.spec import Action, Arena, Oscillation, Relocation, Resource, Species, require
 from ecology.state import State
 
+SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
 FARTHEST = 200  # radii that a body moves in one tick at most: as many substeps as physics takes
 
 
@@ -34,8 +35,8 @@ class Scenario:
         owner = f"scenario {self.name!r}"
         require(len(self.species) > 0, f"{owner}: at least one species.")
         require(
-            isinstance(self.dt, (int, float)) and 0 < self.dt < float("inf"),
-            f"{owner}: dt must be a positive number, got {self.dt!r}.",
+            isinstance(self.dt, (int, float)) and SHORTEST <= self.dt < float("inf"),
+            f"{owner}: dt must be a positive number of at least {SHORTEST:g}, got {self.dt!r}.",
         )
         require(
             isinstance(self.ticks, int) and self.ticks > 0,

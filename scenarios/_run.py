@@ -228,17 +228,16 @@ class Run:
         """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit."""
         where = self.folder / CHECKPOINT
         parts = checkpoint.read(where, previous=previous)
+        damaged = f"the checkpoint {str(where)!r} is damaged or foreign"
         try:
             self.check_words(parts)
             self._longer_than(parts["tally"][1]["tick"] - 1)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise EcologyError(f"{damaged} ({type(error).__name__}: {error}). {checkpoint.advice(where)}") from error
+        try:
             self.become(parts)
-        except EcologyError:
-            raise
         except Exception as error:
-            raise EcologyError(
-                f"the checkpoint {str(where)!r} is damaged or foreign ({type(error).__name__}: {error}). "
-                f"{checkpoint.advice(where)}"
-            ) from error
+            raise EcologyError(f"{damaged} ({type(error).__name__}: {error}). {checkpoint.advice(where)}") from error
 
     def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Raise EcologyError where a checkpoint is not of this run's world, learners and seed."""
