@@ -10,6 +10,7 @@ import contextlib
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -36,6 +37,7 @@ REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
 RECORD = "on"  # what a bare --record stands for
+WIDE = 180  # characters of the certificate where there is no terminal
 CHECKED = 200  # ticks of a life in `ecology check`
 SKIPPED = 1_000  # ticks of a life from birth that are not measured, or its first tenth if that is less
 
@@ -394,6 +396,8 @@ def _say(folder: Path, summary: Mapping[str, Any]) -> None:
         f"{summary['ticks']:,} ticks in {summary['wall_seconds']:,.1f} s; mean drive {_figure(drive)}, "
         f"in the last tenth {_figure(last)}. The run is in {folder}"
     )
+    for name, of in summary["population"].items() if summary["births"] or summary["deaths"] else ():
+        print(f"{name}: {of['end']} alive, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
     watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
 
@@ -662,6 +666,57 @@ def _say_findings(report: Mapping[str, Any]) -> None:
                 f"{_figure(check['correlation'])}, bias {_figure(check['bias'])}",
                 highlight=False,
             )
+
+
+# ---- reproduce -------------------------------------------------------------------------------
+
+
+@app.command()
+def reproduce(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results.  [default: all]")] = None,
+    out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
+    from scenarios import _reproduce  # slow to load
+
+    cases = _reproduce.chosen(names or ())
+    ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
+    work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
+    for case in cases:
+        seconds = sum(part.seconds for mine, part in work if mine is case)
+        console.print(
+            f"{case.name}: {case.about}; {_long(seconds) if seconds else 'done'}", highlight=False, soft_wrap=True
+        )
+        for note in case.notes:
+            console.print(f"  {note}", highlight=False, soft_wrap=True)
+    left = sum(part.seconds for _, part in work)
+    for i, (case, part) in enumerate(work, 1):
+        console.print(
+            f"{i} of {len(work)}  {case.name} {part.key}  {_long(left)} left", highlight=False, soft_wrap=True
+        )
+        try:
+            ledger.do(case, part)
+        except KeyboardInterrupt:
+            console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
+            raise StoppedError(signal.SIGINT) from None
+        left -= part.seconds
+    found = {case.name: _reproduce.rows(case, ledger) for case in cases}
+    _reproduce.write(out, found)
+    if not quiet:
+        table = Table(*_reproduce.HEAD)
+        for name, rows in found.items():
+            for row in rows:
+                table.add_row(*_reproduce.cells(name, row))
+            table.add_section()
+        screen = Console()
+        screen.print(table, width=screen.width if screen.is_terminal else WIDE)
+        print(f"written: {out / _reproduce.TABLE} and {_reproduce.PARQUET}")
+
+
+def _long(seconds: float) -> str:
+    """Return how long something takes, in words."""
+    return f"about {seconds / 60:.0f} min" if seconds >= 90 else f"about {max(seconds, 1):.0f} s"
 
 
 @app.command()
