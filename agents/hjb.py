@@ -42,7 +42,6 @@ ZETA = 2.0  # exponent of the law of the length of explored walks
 BLANK = {"movement": -1, "loss_f": math.nan, "loss_j": math.nan}  # of a life that begins; all else 0
 CROWD = 8  # agents from which on work is split over threads
 TRAIL = 64  # ticks of a movement whose states are kept on the way
-NEAR = 0.05  # ticks over which a slope is taken where it is shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -576,8 +575,7 @@ class HJB(Learner):
         if whole:
             slope = (ahead - here) / (-np.log(s.gamma) * step)
         else:
-            ends = [self.deviation(slot, (zeta + way * (after - zeta)).astype(np.float32)) for way in (NEAR, -NEAR)]
-            slope = (ends[0] - ends[1]) / (-np.log(s.gamma) * 2 * NEAR * step)
+            slope = self.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
         keep = s.gamma**duration
         total = drive(after) + slope
         return {
@@ -596,7 +594,7 @@ class HJB(Learner):
         """Return the error of f per component over the `last` decisions, relative to the changes met, (D,)."""
         memory, newest = self.memory, int(self.memory.count[slot])
         at = np.arange(max(newest - min(last, memory.capacity), 0), newest) % memory.capacity
-        began, met, taken = (np.asarray(part[slot])[at] for part in (memory.zeta, memory.after, memory.movement))
+        began, met, taken = (part[slot, at] for part in (memory.zeta, memory.after, memory.movement))
         kept = taken >= 0
         if kept.sum() < 2:
             return np.full(self.components, np.nan)

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ecology.empathy import felt_species
 from ecology.scenario import Scenario
 from ecology.spec import Species
 
@@ -73,10 +74,23 @@ def shaded(colour: Colour, light: float) -> Colour:
 
 
 def highest_drive(scenario: Scenario) -> float:
-    """Return the drive at the top of the colour scale: every regulated need off by its ordinary size."""
-    return max(
-        math.sqrt(s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated)) for s in scenario.species
-    )
+    """Return the drive at the top of the colour scale: every regulated need off by its ordinary size.
+
+    In the sum form of empathy, with what is then felt: of everyone, or of one where it is felt on conditions.
+    """
+    own = {
+        s.name: (s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated)) ** (s.drive_exponent / 2)
+        for s in scenario.species
+    }
+    slots, found = {s.name: s.slots for s in scenario.species}, []
+    for s in scenario.species:
+        felt, e = 0.0, s.empathy
+        if e is not None and e.form == "sum":
+            always = not (e.kin or e.sight or math.isfinite(e.within))
+            felt = sum(own[name] * (slots[name] if always else 1) for name in felt_species(s))
+            felt *= abs(e.weight)
+        found.append(own[s.name] + felt)
+    return max(found)
 
 
 @functools.cache

@@ -176,6 +176,7 @@ class RerunObserver:
             coupled=tuple(name for name in env.groups if env.coupling(name) is not None),
             measures=tuple(scenario.measures),
             grows=env.open_population,
+            marks=tuple(shapes.marked(scenario)),
             grid=self._grid,
             run=self._name or scenario.name,
             every=self._every,
@@ -424,6 +425,7 @@ class Scene:
     coupled: tuple[str, ...]  # species with empathy
     measures: tuple[str, ...]  # of the scenario
     grows: bool  # whether anyone can be born
+    marks: tuple[str, ...]  # kinds of events that can come up
     grid: maps.Grid
     run: str
     every: int
@@ -471,7 +473,12 @@ class Scene:
         top = colours.highest_drive(self.scenario)
         rec.log(
             "world",
-            rr.AnnotationContext([(i, f"drive {top * i / (STEPS - 1):.2f}", shown[i].tolist()) for i in range(STEPS)]),
+            rr.AnnotationContext(
+                [
+                    (i, f"drive {'≥ ' * (i == STEPS - 1)}{top * i / (STEPS - 1):.2f}", c.tolist())
+                    for i, c in enumerate(shown)
+                ]
+            ),
             static=True,
         )
         self._draw_arena(rec)
@@ -512,7 +519,7 @@ class Scene:
         found = [(name, self.colour(name)) for name in self.groups] if self.mixed else []
         shades = colours.resource_colours(self.scenario)
         found += [(r.name, s) for r, s in zip(self.scenario.resources, shades, strict=True) if r.count > 1]
-        found += [(shapes.KINDS[kind], MARKED[kind]) for kind in shapes.marked(self.scenario)]
+        found += [(shapes.KINDS[kind], MARKED[kind]) for kind in self.marks]
         return found
 
     def _rows(self) -> list[list[tuple[float, str, colours.Colour]]]:
@@ -561,7 +568,8 @@ class Scene:
         of_body, of_arrow = ([colour], None) if self.mixed else (None, [colour])
         points = rr.Points2D.from_fields(radii=radius, colors=of_body, show_labels=False, draw_order=20)
         rec.log(body, points, static=True)
-        rec.log(body, rr.Arrows2D.from_fields(radii=0.2 * radius, colors=of_arrow), static=True)
+        arrows = rr.Arrows2D.from_fields(radii=0.2 * radius, colors=of_arrow, show_labels=False)
+        rec.log(body, arrows, static=True)
         trail = colours.shaded(colour, 0.6)
         rec.log(f"world/trail/{name}", rr.Points2D.from_fields(radii=0.25 * radius, colors=[trail], draw_order=10),
                 static=True)  # fmt: skip
@@ -1065,7 +1073,10 @@ class Scene:
             )
             for name in self.groups
         ]
-        rows: list[rrb.View | rrb.Container] = [rrb.Horizontal(count, flow), drive]
+        rows: list[rrb.View | rrb.Container] = [
+            rrb.Horizontal(count, flow) if self.grows or "died" in self.marks else count,
+            drive,
+        ]
         if self.grows or any(s.hazard for s in self.scenario.species):
             rows.append(rrb.Horizontal(*bars) if len(bars) <= 3 else rrb.Tabs(*bars))
         last: list[rrb.View] = []

@@ -10,7 +10,7 @@ from ecology.scenario import Scenario
 from ecology.spec import Species
 from ecology.state import Floats, State
 
-SMALL = 0.008  # of the arena: bodies are drawn at least this large
+SMALL, LARGE = 0.008, 0.03  # of the arena: bodies are drawn at least and at most this large
 KINDS = {"born": "ring: born", "died": "cross: died", "bit": "red line: bite", "gave": "green line: gift"}  # of marks
 
 
@@ -21,8 +21,8 @@ def size(scenario: Scenario) -> float:
 
 
 def radius(scenario: Scenario, species: Species) -> float:
-    """Return the radius with which a body is drawn: its own, but never too small to be seen."""
-    return max(species.radius, SMALL * size(scenario))
+    """Return the radius with which a body is drawn: its own, within what can be seen and does not hide the rest."""
+    return min(max(species.radius, SMALL * size(scenario)), LARGE * size(scenario))
 
 
 def fullness(scenario: Scenario, state: State) -> Floats:
@@ -59,8 +59,10 @@ def mark(kind: str, place: Floats, other: Floats, wide: float) -> list[Floats]:
 
 def marked(scenario: Scenario) -> list[str]:
     """Return the kinds of marks that can come up."""
-    kinds = {action.kind for species in scenario.species for action in species.actions}
-    grows = any(species.grows for species in scenario.species)
-    many = grows or sum(species.slots for species in scenario.species) > 1
-    there = {"born": grows, "died": many, "bit": "bite" in kinds, "gave": "give" in kinds}
+    species = scenario.species
+    kinds = {action.kind for s in species for action in s.actions}
+    grows = any(s.grows for s in species)
+    mortal = any(s.hazard is not None or any(need.lethal for need in s.needs) for s in species)
+    mortal |= "bite" in kinds or scenario.rule is not None
+    there = {"born": grows, "died": mortal, "bit": "bite" in kinds, "gave": "give" in kinds}
     return [kind for kind in KINDS if there[kind]]
