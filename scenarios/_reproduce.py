@@ -29,6 +29,7 @@ from scenarios._empathy import CONDITIONS
 from scenarios._run import replace_text
 
 CONFIDENCE = 0.95  # of every interval
+WIDE = 0.25  # half width of an interval, as a share of the number in it, from which it says nothing
 PARTS, TABLE, PARQUET = "parts", "certificate.md", "certificate.parquet"
 WEIGHT = 0.5  # of affective empathy
 
@@ -70,35 +71,47 @@ class Row:
         return self.mean() - half, self.mean() + half
 
     def says(self) -> str:
-        """Return the verdict: whether ours agrees with the closed form and with theirs, or from which it differs."""
+        """Return the verdict: whether ours agrees with the closed form and with theirs, or what it differs from."""
         if self.verdict is not None:
             return self.verdict
-        checks = {"the closed form": self.closed is None or self._fits()}
-        checks["theirs"] = self.theirs is None or self._like_theirs()
-        differs = [name for name, fits in checks.items() if not fits]
-        return f"differs from {' and '.join(differs)}" if differs else "agrees"
+        found: dict[str, list[str]] = {"differs from": [], "cannot be told from": []}
+        for name, fits in (("the closed form", self._fits()), ("theirs", self._like_theirs())):
+            if fits is not True:
+                found["differs from" if fits is False else "cannot be told from"].append(name)
+        return "; ".join(f"{word} {' and '.join(names)}" for word, names in found.items() if names) or "agrees"
 
-    def _fits(self) -> bool:
-        assert self.closed is not None
+    def _fits(self) -> bool | None:
+        """Return whether ours agrees with the closed form (also without one), None where the interval is wide."""
+        if self.closed is None:
+            return True
         if self.tolerance is not None:
             return abs(self.mean() - self.closed) <= self.tolerance
-        interval = self.interval() or (self.mean(), self.mean())
-        return interval[0] - 1e-9 <= self.closed <= interval[1] + 1e-9
+        low, high = self.interval() or (self.mean(), self.mean())
+        return _within(self.closed, low, high)
 
-    def _like_theirs(self) -> bool:
-        assert self.theirs is not None
+    def _like_theirs(self) -> bool | None:
+        """Return whether ours agrees with theirs (also without them), None where the interval is wide."""
+        if self.theirs is None:
+            return True
         mean, spread, count = self.theirs
         if self.tolerance is not None or spread is None or count is None:
             low, high = self.interval() or (self.mean(), self.mean())
             slack = self.tolerance or 0.0
             return low - slack <= mean <= high + slack
-        own = self.spread() or 0.0
-        if own == 0 and spread == 0:
+        # Welch's interval of the difference, about ours
+        a, b = spread**2 / count, (self.spread() or 0.0) ** 2 / len(self.ours)
+        if a + b == 0:
             return self.mean() == mean
-        test = stats.ttest_ind_from_stats(
-            mean, spread, count, self.mean(), own, len(self.ours), equal_var=False
-        )  # Welch's
-        return bool(test.pvalue >= 1 - CONFIDENCE)
+        freedom = (a + b) ** 2 / (a**2 / (count - 1) + b**2 / max(len(self.ours) - 1, 1))
+        half = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * math.sqrt(a + b)
+        return _within(mean, self.mean() - half, self.mean() + half)
+
+
+def _within(value: float, low: float, high: float) -> bool | None:
+    """Return whether an interval holds `value`; None where it does, but would hold much else too."""
+    if not low - 1e-9 <= value <= high + 1e-9:
+        return False
+    return True if high - low <= 2 * WIDE * abs(value) else None
 
 
 @dataclass(frozen=True)
@@ -372,7 +385,7 @@ EMPATHIC = (
         seconds=25.0,
         steps=25_000,
         worlds=16,
-        ppo_seeds=5,
+        ppo_seeds=3,
         ppo_seconds=15.0,
         settings=_ppo(32, 16),
         closed={"none": 14.5, "cognitive": 14.5, "affective": food_share.CAP, "full": food_share.CAP},
@@ -382,9 +395,9 @@ EMPATHIC = (
         name="grid_rooms",
         cap=grid_rooms.CAP,
         scale=grid_rooms.REWARD,
-        ticks=10_000,
+        ticks=12_000,
         seeds=4,
-        seconds=90.0,
+        seconds=60.0,
         steps=300_000,
         worlds=16,
         ppo_seeds=3,

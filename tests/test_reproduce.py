@@ -105,16 +105,21 @@ def test_a_folder_that_cannot_be_written_is_told(tiny, tmp_path, capsys):
 
 
 def test_verdicts():
-    """The interval decides where there is chance, the tolerance where there is none; theirs by Welch's test."""
+    """The interval decides where there is chance, the tolerance where there is none; a wide one decides nothing."""
     sample = [9.0, 10.0, 11.0]  # mean 10, interval 10 +- 2.48
     assert Row("", sample).interval() == pytest.approx((10 - 2.484, 10 + 2.484), abs=1e-3)
     assert Row("", sample, closed=12.4).says() == "agrees"
     assert Row("", sample, closed=12.6).says() == "differs from the closed form"
+    assert Row("", sample, closed=9.0).says() == "cannot be told from the closed form"
+    assert Row("", [300.0, 3000.0], closed=3000.0).says() == "cannot be told from the closed form"
     assert Row("", [1.0], closed=1.1, tolerance=0.2).says() == "agrees"
     assert Row("", [1.0], closed=1.1, tolerance=0.05).says() == "differs from the closed form"
-    # standard errors 0.577 and 0.447, together 0.73: t = 2.05 on some 5 degrees of freedom, p = 0.1
-    assert Row("", sample, theirs=(11.5, 2.0, 20)).says() == "agrees"
-    assert Row("", sample, theirs=(13.0, 2.0, 20), closed=10.0).says() == "differs from theirs"
+    # standard errors 0.577 and 0.447, together 0.73; 4.9 degrees of freedom: +- 1.88
+    assert Row("", sample, theirs=(11.8, 2.0, 20)).says() == "agrees"
+    assert Row("", sample, theirs=(12.0, 2.0, 20), closed=12.0).says() == "differs from theirs"
+    assert Row("", sample, theirs=(12.0, 30.0, 20), closed=9.0).says() == (
+        "cannot be told from the closed form and theirs"
+    )
     assert Row("", [5.0, 5.0], theirs=(5.0, 0.0, 20), closed=4.0).says() == "differs from the closed form"
     assert Row("", [5.0, 5.0], theirs=(6.0, 0.0, 20), closed=4.0).says() == "differs from the closed form and theirs"
     assert Row("", sample, verdict="no number to compare with").says() == "no number to compare with"
