@@ -66,4 +66,3 @@ def test_who_sees_whom_is_what_angle_range_and_walls_say(angle):
         wanted = np.full((3, 2), [3.0, 0.0])
         wanted[: mine.sum()] = np.stack([pairs.distance[mine], turn[mine]], axis=1)[:3]
         assert np.allclose(zeta[i, first : first + 6].reshape(3, 2), wanted, atol=1e-5)
-
