@@ -9,6 +9,7 @@ it for all. Time is the process's own, which other programs on the machine do no
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import os
 import subprocess
@@ -32,8 +33,12 @@ from scenarios._sweep import DPI, write_table
 
 TABLE, FIGURE = "bench.parquet", "bench.png"
 ARRAYS, DICTS = "arrays", "dicts"  # this world without learning, through either interface
-LEARNERS = tuple(name for name in ("lean", "algorithm1") if name in agents.LEARNERS)  # who learns if nobody is named
+MODULES = "modules"  # algorithm1 with the updates of the plain loop
+PLAIN = Path(__file__).parent.parent / "tests" / "plain_learner.py"  # which is there in a clone only
+# who learns if nobody is named
+LEARNERS = tuple(name for name in ("lean", "algorithm1") if name in agents.LEARNERS) + (MODULES,) * PLAIN.exists()
 LEARNERS_UP_TO = 1_000  # agents
+MODULES_UP_TO = 100  # agents
 WORLD = "commons"
 SETTINGS: Mapping[str, Any] = {"walls": True, "neighbours": 8}
 RICH = 25.0  # capacity of the pool per agent, units of intake: it does not run dry while it is measured
@@ -78,8 +83,11 @@ def stepping(what: str, n: int) -> Callable[[], int]:
     else:
         from agents import loop  # slow to load
 
+        name = "algorithm1" if what == MODULES else what
         own = env.scenario.species[0].learner_settings if what == "hjb" else {}  # as `ecology run` would
-        learner = agents.make(what, group, np.random.SeedSequence(0), own)
+        learner = agents.make(name, group, np.random.SeedSequence(0), own)
+        if what == MODULES:
+            _by_modules(learner)
         tick = env.reset_arrays(seed=0)
 
         def step() -> int:
@@ -88,6 +96,25 @@ def stepping(what: str, n: int) -> Callable[[], int]:
             return n
 
     return step
+
+
+def _by_modules(learner: Any) -> None:
+    """Let one agent's torch modules after another do the updates of a learner: the plain loop of the tests."""
+    sys.path.insert(0, str(PLAIN.parent))
+    plain = importlib.import_module(PLAIN.stem)
+    alone = [plain.PlainAgent(learner, slot) for slot in range(learner.size)]
+    s = learner.settings
+    m = round(s.imagined * s.batch) if s.replay else round(s.imagined)
+    numbers = (s.batch + s.batch_f if s.replay else 2) + m * learner.components + m + m // 2
+
+    def update(ready: np.ndarray) -> None:
+        uniform = learner.generator.random((learner.size, numbers), np.float32)
+        normal = learner.generator.standard_normal((learner.size, m // 2, learner.components), np.float32)
+        rate = learner.rate()
+        for slot in np.flatnonzero(ready).tolist():
+            alone[slot].update(uniform[slot], normal[slot], float(rate[slot]))
+
+    learner._update = update
 
 
 def calibrate() -> float:
@@ -115,13 +142,18 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
     """Return what is to be timed; `against` are the other worlds, each with the Python that has it."""
     found = []
     for name in learners:
-        agents.learner_class(name)
+        if name != MODULES:
+            agents.learner_class(name)
+        elif not PLAIN.exists():
+            raise EcologyError(f"the plain loop of modules is in a clone of the project, in {PLAIN}; it is not there.")
     for name in against:
         if name not in WORLDS:
             raise EcologyError(f"there is no world {name!r} to compare with. {nearest(name, WORLDS)}")
     here = (sys.executable, "-m", "scenarios._bench")
     for name in (ARRAYS, DICTS, *learners):
-        most = LEARNERS_UP_TO if name in learners else max(counts)
+        most = max(counts)
+        if name in learners:
+            most = MODULES_UP_TO if name == MODULES else LEARNERS_UP_TO
         found += [Point(name=name, agents=n, command=(*here, name, str(n))) for n in counts if n <= most]
     script = str(Path(__file__).with_name("_elsewhere.py"))
     for name, python in against.items():
@@ -278,11 +310,9 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
         line = sorted((speed for speed in found if speed.name == name), key=lambda speed: speed.agents)
         middle = np.array([speed.median for speed in line])
         spread = np.array([[speed.median - speed.low, speed.high - speed.median] for speed in line]).T
-        label = (
-            f"{name} ({used[name]})"
-            if name in WORLDS
-            else f"ecology, {name}{' learning' * (name not in (ARRAYS, DICTS))}"
-        )
+        label = f"ecology, {name}" if name in (ARRAYS, DICTS) else f"ecology, {name} learning"
+        if name in WORLDS:
+            label = f"{name} ({used[name]})"
         ax.errorbar(
             [speed.agents for speed in line], middle, spread, fmt="--s" if name in WORLDS else "-o", capsize=3,
             linewidth=1.3, markersize=4, label=label, color=np.array(PALETTE[(i - 2) % len(PALETTE)]) / 255,
