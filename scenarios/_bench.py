@@ -42,7 +42,9 @@ MODULES_UP_TO = 100  # agents
 WORLD = "commons"
 SETTINGS: Mapping[str, Any] = {"walls": True, "neighbours": 8}
 RICH = 25.0  # capacity of the pool per agent, units of intake: it does not run dry while it is measured
-LEAST = 8  # ticks of a window
+LEAST = 2  # ticks of a window
+LEARNS = 8  # ticks of a window in which someone learns, who may update its networks once in so many
+LIVED = 1_000  # ticks that who remembers has lived before: until all have memories enough to learn from
 CALIBRATION = 200_000  # turns of the loop that is always the same
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
@@ -89,6 +91,8 @@ def stepping(what: str, n: int) -> Callable[[], int]:
         if what == MODULES:
             _by_modules(learner)
         tick = env.reset_arrays(seed=0)
+        if {**agents.settings(name), **own}.get("replay"):
+            tick = loop.run(env, {group.name: learner}, tick, LIVED)
 
         def step() -> int:
             nonlocal tick
@@ -136,6 +140,7 @@ class Point:
     name: str
     agents: int
     command: tuple[str, ...]
+    least: int = LEAST  # ticks of a window
 
 
 def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str, str]) -> list[Point]:
@@ -154,7 +159,8 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
         most = max(counts)
         if name in learners:
             most = MODULES_UP_TO if name == MODULES else LEARNERS_UP_TO
-        found += [Point(name=name, agents=n, command=(*here, name, str(n))) for n in counts if n <= most]
+        least = LEARNS if name in learners else LEAST
+        found += [Point(name=name, agents=n, command=(*here, name, str(n)), least=least) for n in counts if n <= most]
     script = str(Path(__file__).with_name("_elsewhere.py"))
     for name, python in against.items():
         _, least, most = WORLDS[name]
@@ -245,14 +251,14 @@ def measure(
             ready.append(process)
             if process.version:
                 found[point.name] = process.version
-        for process in ready:
+        for process in ready:  # what is compiled or cached at first is not timed
             tell(f"{process.point.name}, {process.agents} agents: warming up")
-            process.time(seconds, LEAST)
+            process.time(seconds, process.point.least)
         for turn in range(rounds):
             for process in ready:
                 tell(f"round {turn + 1} of {rounds}: {process.point.name}, {process.agents} agents")
                 calibration = calibrate()
-                window = process.time(seconds, LEAST)
+                window = process.time(seconds, process.point.least)
                 rows.append(
                     {"name": process.point.name, "agents": process.agents, "round": turn}
                     | window
