@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ecology.env import Ecology, Group, Tick
+from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import CAUSES, Floats, Ints, State
@@ -37,7 +38,7 @@ class Happening:
     place: Floats  # (k, 2)
     other: Ints  # (k,) slot of the parent, the bitten or the one given to, -1 without
     other_serial: Ints  # (k,)
-    other_place: Floats  # (k, 2) where the other is; one's own place without
+    other_place: Floats  # (k, 2) where the other is, across the seam of a torus; one's own place without
     what: Ints  # (k,) index of the action, or into CAUSES of a death
 
 
@@ -48,6 +49,7 @@ class Census:
         """Look at `env` as it stands."""
         state, groups = env.state_view, tuple(env.groups.values())
         self._groups = groups
+        self._plane = plane_of(env.scenario.arena)
         code = {"consume": EATS, "sleep": SLEEPS}
         self._code = np.zeros((len(groups), max(len(g.kinds) for g in groups)), np.int8)
         for g in groups:
@@ -76,7 +78,8 @@ class Census:
                     place=state.position[slot],
                     other=with_,
                     other_serial=np.where(there, state.serial[with_], -1),
-                    other_place=np.where(there[:, None], state.position[with_], state.position[slot]),
+                    other_place=state.position[slot]
+                    + np.where(there[:, None], self._plane.gap(state.position[slot], state.position[with_]), 0.0),
                     what=np.zeros(len(slot), np.int64) if what is None else what[slot],
                 )
             )

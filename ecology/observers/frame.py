@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ecology.observers import shapes
+from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.state import Floats, State
 
@@ -30,13 +31,14 @@ def frame(scenario: Scenario, state: State) -> Frame:
     """Return what a picture shows of `state`."""
     alive, none = state.alive, np.zeros(len(state.alive), bool)
     wide = max(shapes.radius(scenario, species) for species in scenario.species)
-    marks = {}
+    marks, plane = {}, plane_of(scenario.arena)
     for kind, who, other in (
         ("born", alive & (state.age == 0.0) if state.tick else none, state.bit),
         ("bit", state.bit >= 0, state.bit),
         ("gave", state.gave >= 0, state.gave),
     ):
-        marks[kind] = shapes.mark(kind, state.position[who], state.position[other[who]], wide)
+        place = state.position[who]
+        marks[kind] = shapes.mark(kind, place, place + plane.gap(place, state.position[other[who]]), wide)
     return Frame(
         tick=state.tick,
         time=state.time,

@@ -861,6 +861,7 @@ class Scene:
     ) -> None:
         """Mark births, deaths, bites and gifts where they happened since the last sample."""
         wide = max(self.radius(species) for species in self.scenario.species)
+        far = max(action.reach for species in self.scenario.species for action in species.actions)
         for kind in MARKED:
             found = [[e for e in s["happened"] if e.kind == kind] for s in samples]
             if not any(found):
@@ -868,6 +869,8 @@ class Scene:
             strips, lengths = [], []
             for events in found:
                 mine = [strip for e in events for strip in shapes.mark(kind, e.place, e.other_place, wide)][: 2 * MARKS]
+                if kind in ("bit", "gave"):  # who was put elsewhere after it is not joined by a line
+                    mine = [strip for strip in mine if np.hypot(*(strip[1] - strip[0])) <= 2 * far]
                 strips += mine
                 lengths.append(len(mine))
             rec.send_columns(f"world/marks/{kind}", times, rr.LineStrips2D.columns(strips=strips).partition(lengths))
@@ -1022,7 +1025,7 @@ class Scene:
                 rr.Points2D.from_fields().visualizer(),
                 rr.Arrows2D.from_fields(draw_order=21).visualizer(mappings=[origin]),
             ]
-        recent = max(MARK_TICKS, 2 * self.every)
+        recent = max(MARK_TICKS, 2 * self.every) if self.few else self.every - 1  # of many, the last sample's alone
         overrides |= {f"world/marks/{kind}": _last(recent, self.scenario.dt) for kind in MARKED}
         whose = "all" if self.few else "the focus"
         what = f"trails of {TRAIL_TICKS} ticks ({whose})" if self.crowd else f"its trail of {TRAIL_TICKS} ticks"
