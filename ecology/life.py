@@ -6,9 +6,10 @@ import numpy as np
 
 from ecology.kernels import inside_polygon
 from ecology.plane import plane_of
-from ecology.spec import Arena, Birth, Hazard, Species
+from ecology.spec import Arena, Birth, Hazard, Species, require
 from ecology.state import Bools, Floats, Ints
 
+ROUNDS = 1_000  # of at least 18 points at random, none of them inside, after which an arena is too thin
 AROUND = 8  # directions in which a parent looks for room for its newborn
 
 
@@ -42,11 +43,18 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
     high = np.max([p.max(axis=0) for p in parts], axis=0)
     found: list[Floats] = []
     have = 0
+    fruitless = 0  # rounds in a row
     while have < count:
+        require(
+            fruitless < ROUNDS,
+            f"{count} places, {margin!r} away from every wall, are not found at random in an arena this thin; "
+            "widen it, or give positions.",
+        )
         points = rng.uniform(low, high, (2 * (count - have) + 16, 2))
         kept = points[np.any([inside_polygon(p, points) for p in parts], axis=0)]
         found.append(kept)
         have += len(kept)
+        fruitless = 0 if len(kept) else fruitless + 1
     return np.concatenate(found)[:count]
 
 

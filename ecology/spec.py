@@ -43,6 +43,11 @@ def _finite(owner: str, **numbers: float) -> None:
         )
 
 
+def _flags(owner: str, **flags: bool) -> None:
+    for name, value in flags.items():
+        require(isinstance(value, bool), f"{owner}: {name} must be True or False, got {value!r}.")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Season:
     """A sine of time that multiplies a decay or a growth: 1 + amplitude sin(2 pi t / period + phase)."""
@@ -53,7 +58,7 @@ class Season:
 
     def __post_init__(self) -> None:
         _finite("Season", amplitude=self.amplitude, period=self.period, phase=self.phase)
-        require(self.period > 0, f"Season: period must be positive, got {self.period!r}.")
+        require(self.period >= 1e-9, f"Season: period must be positive, at least 1e-9, got {self.period!r}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +87,7 @@ class Need:
     def __post_init__(self) -> None:
         owner = f"need {self.name!r}"
         _words(owner, self.name)
+        _flags(owner, proportional=self.proportional, lethal=self.lethal, regulated=self.regulated)
         _finite(
             owner,
             set_point=self.set_point,
@@ -295,7 +301,7 @@ class Oscillation:
     def __post_init__(self) -> None:
         require(len(self.to) == 2, f"Oscillation: to is (x, y), got {self.to!r}.")
         _finite("Oscillation", x=self.to[0], y=self.to[1], period=self.period, phase=self.phase)
-        require(self.period > 0, f"Oscillation: period must be positive, got {self.period!r}.")
+        require(self.period >= 1e-9, f"Oscillation: period must be positive, at least 1e-9, got {self.period!r}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -416,6 +422,7 @@ class Arena:
     walls: bool = True
 
     def __post_init__(self) -> None:
+        _flags("arena", walls=self.walls)
         require(
             len(self.vertices) >= 3,
             f"arena: a closed arena needs at least 3 vertices, got {len(self.vertices)}.",
@@ -585,6 +592,10 @@ class Species:
 
     def __post_init__(self) -> None:
         owner = f"species {self.name!r}"
+        _flags(owner, solid=self.solid)
+        require(isinstance(self.learner, str), f"{owner}: learner is the name of one, got {self.learner!r}.")
+        if self.position is not None:
+            require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
         _words(owner, self.name)
         require(len(self.needs) > 0, f"{owner}: at least one need.")
         require(

@@ -12,8 +12,8 @@ import numpy as np
 from agents import checkpoint
 from ecology import Ecology, EcologyError, Scenario
 from ecology.errors import nearest
+from ecology.kernels import inside_polygon
 from ecology.observers.base import Observer
-from ecology.physics import inside_polygon
 from ecology.spec import Oscillation
 from ecology.state import CAUSES
 from scenarios._plan import CONFIG, read_config, resolve

@@ -147,6 +147,10 @@ BAD = {
     "device": (["paper", "--device", "gpu"], "'gpu'"),
     "device of no use": (["paper", "--device", "cuda"], "no learner computes elsewhere"),
     "need named like a number that its mind reports": (["clash.py", "--learner", "hjb"], "'epsilon'"),
+    "setting of --record": (["paper", "--record", "often=3"], "'often'"),
+    "value of --record": (["paper", "--record", "every=x"], "every=x"),
+    "detail of --record": (["paper", "--record", "detail=most"], "'most'"),
+    "focus": (["paper", "--focus", "wolf_3", "--record", "every=5"], "'wolf_3'"),
     "viewer's address": (["paper", "--connect", "nowhere"], "'nowhere'"),
     "config": (["paper", "--config", "nowhere.toml"], "nowhere.toml"),
 }

@@ -204,7 +204,7 @@ def test_a_species_that_nobody_is_of_is_sensed_as_absent(empty):
 def test_an_empty_species_that_alone_would_sense():
     """Where only a species with no slots senses others, the rest live on unhindered."""
     env = start(square(kind("a", count=2), kind("b", count=0, neighbours=(Neighbours(),))))
-    assert env.step_arrays(np.zeros(2, np.int64)).observations["b"].shape == (0, 6)
+    assert env.step_arrays(np.zeros(2, np.int64)).observations["b"].shape == (0, 8)
 
 
 def test_zeta_keeps_its_length():

@@ -23,9 +23,10 @@ PALETTE: tuple[Colour, ...] = (
     (0, 114, 178),  # blue
     (170, 170, 170),  # grey
 )
-# the first is for a species alone; the others lie off the scale that shows the drive
-SPECIES: tuple[Colour, ...] = ((245, 245, 245), *(PALETTE[i] for i in (1, 2, 5, 3, 6, 4, 0, 7)))
+ALONE: Colour = (245, 245, 245)  # a species alone: off the scale that shows the drive
+SPECIES: tuple[Colour, ...] = tuple(PALETTE[i] for i in (1, 4, 2, 5, 3, 6, 0, 7))
 RESTING, SLEEPING = (105, 110, 120), (95, 85, 165)
+BITING, GIVING = (255, 90, 60), (90, 230, 180)
 MOVING, TURNING = (215, 220, 230), (150, 156, 168)
 SHADES = 256
 
@@ -35,9 +36,9 @@ def need_colour(index: int) -> Colour:
     return PALETTE[index % len(PALETTE)]
 
 
-def species_colour(index: int) -> Colour:
-    """Return the colour of a species by its place in the scenario."""
-    return SPECIES[index % len(SPECIES)]
+def species_colour(index: int, *, alone: bool = False) -> Colour:
+    """Return the colour of a species by its place in the scenario, or of the one species of a world."""
+    return ALONE if alone else SPECIES[index % len(SPECIES)]
 
 
 def resource_colours(scenario: Scenario) -> list[Colour]:
@@ -56,10 +57,11 @@ def resource_colours(scenario: Scenario) -> list[Colour]:
 def action_colours(scenario: Scenario, species: Species) -> list[Colour]:
     """Return a colour per action: by kind, and by resource for going there (dark) and consuming (bright)."""
     food = dict(zip((r.name for r in scenario.resources), resource_colours(scenario), strict=True))
-    plain = {"rest": RESTING, "sleep": SLEEPING, "move": MOVING, "turn": TURNING}
+    plain = {"rest": RESTING, "sleep": SLEEPING, "move": MOVING, "turn": TURNING, "bite": BITING, "give": GIVING}
     colours = []
-    for action in species.actions:
-        colour = plain[action.kind] if action.kind in plain else food[str(action.resource)]
+    for i, action in enumerate(species.actions):
+        colour = plain.get(action.kind, PALETTE[i % len(PALETTE)])
+        colour = food.get(str(action.resource), colour)
         colours.append(shaded(colour, 0.55) if action.kind == "go_to" else colour)
     return colours
 
