@@ -1,6 +1,4 @@
-"""Other people's learners live in the world: each trains some hundred steps on one scenario."""
-
-import dataclasses
+"""Other people's learners live in the world: each trains some hundred steps among births and deaths."""
 
 import pytest
 
@@ -8,8 +6,7 @@ import ecology
 import scenarios
 from ecology.fixed import FixedSlots
 
-SCENARIO = "paper"
-COUNT = 3  # agents, where the scenario has one
+SCENARIO = "predator_prey"
 HORIZON = 100  # ticks of an episode
 EPISODES = 3
 
@@ -25,10 +22,8 @@ def library(name, extra):
 
 def slots(**options):
     """Return the scenario, with several agents, as a world of a fixed number of slots."""
-    scenario = scenarios.load(SCENARIO)
-    if sum(species.count for species in scenario.species) == 1:
-        (species,) = scenario.species
-        scenario = dataclasses.replace(scenario, species=(dataclasses.replace(species, count=COUNT),))
+    scenario = scenarios.load(SCENARIO, prey=8, predators=4, arrival=0.05)
+    assert all(species.grows for species in scenario.species)
     return FixedSlots(ecology.parallel_env(scenario, horizon=HORIZON), flatten=True, **options)
 
 
