@@ -388,7 +388,11 @@ class Ecology(ParallelEnv):
             crowding = species.crowding
             if crowding is None or pairs is None:
                 continue
-            close = pairs.who[pairs.distance <= crowding.within] - group.slots.start
+            counts = pairs.distance <= crowding.within
+            if crowding.species:
+                meant = [s.name in crowding.species for s in self.scenario.species]
+                counts &= np.array(meant)[self._species_of[pairs.other]]
+            close = pairs.who[counts] - group.slots.start
             others = np.bincount(close[(close >= 0) & (close < group.size)], minlength=group.size)
             for name, rate in crowding.control.items():
                 control[group.slots, self._needs[species.name].index(name)] += rate * others

@@ -187,6 +187,7 @@ class Scenario:
         mentions = [(f"action {a.name!r}", a.species) for a in species.actions if a.species is not None]
         mentions += [("neighbours", name) for sensed in species.neighbours for name in sensed.species]
         mentions += [("empathy", name) for name in (empathy.species if empathy is not None else ())]
+        mentions += [("crowding", name) for name in (species.crowding.species if species.crowding is not None else ())]
         for word, name in mentions:
             require(name in names, f"{owner}: {word} names the species {name!r}. {nearest(str(name), names)}")
         if birth is not None:

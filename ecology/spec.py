@@ -493,6 +493,7 @@ class Crowding:
 
     within: float  # length, between the centres
     control: Mapping[str, float]  # need -> change per other and unit of time
+    species: tuple[str, ...] = ()  # who counts as others; all when empty
 
     def __post_init__(self) -> None:
         _finite("Crowding", within=self.within, **self.control)

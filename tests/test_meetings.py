@@ -233,6 +233,16 @@ def test_crowding_counts_the_living_around(dt):
     assert env.state_view.internal[:, 0] == pytest.approx([1.9, 2.0, 1.9, 2.0, 2.0])
 
 
+def test_crowding_can_count_some_species_alone():
+    """Where species are named, the others around do not count."""
+    for named, left in ((("agent",), 1.9), (("stone",), 1.8), ((), 1.7)):
+        crowd = kind("agent", count=2, crowding=Crowding(within=1.0, control={"food": -0.1}, species=named))
+        places = [[4.0, 4.0], [4.0, 4.5], [4.5, 4.0], [4.3, 4.3]]
+        env = start(square(crowd, kind("stone", count=2)), position=places)
+        env.step_arrays(ask(env))
+        assert env.state_view.internal[0, 0] == pytest.approx(left)
+
+
 # ---- a scenario's own rule -------------------------------------------------------------------
 
 
