@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 RUN := runs/paper-0
 
-.PHONY: install paper test check
+.PHONY: install paper test fuzz check golden
 
 install: $(INSTALLED)
 
@@ -28,6 +28,14 @@ paper: install
 
 test: install
 	$(BIN)/pytest $(PYTEST_FLAGS)
+
+# bad input, 6,000 cases of it; some ten minutes
+fuzz: install
+	ECOLOGY_FUZZ=1000 $(BIN)/pytest $(PYTEST_FLAGS) tests/test_fuzz.py
+
+# what every world does, written anew where it has changed: look at the difference before it is kept
+golden: install
+	$(BIN)/pytest tests/test_golden.py --golden
 
 check: install
 	$(BIN)/ruff format --check .

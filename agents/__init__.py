@@ -27,6 +27,12 @@ LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
         "ALGORITHM1",
         "the paper's Algorithm 1 as printed, without additions",
     ),
+    "lean": (
+        "agents.hjb",
+        "HJB",
+        "LEAN",
+        "hjb with little work per agent, for many agents",
+    ),
     "random": ("agents.baselines", "Random", None, "every open action with the same probability"),
     "rest": ("agents.baselines", "Rest", None, "does nothing for as long as its body lets it"),
     "greedy": ("agents.baselines", "Greedy", None, "the least predicted drive one tick ahead"),

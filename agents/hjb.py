@@ -13,20 +13,22 @@ off alone. An agent is given d and the layout of its own senses, nothing of the 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.nn import functional as F
+from threadpoolctl import ThreadpoolController
 
+from agents import kernels
 from agents.base import DivergedError, Learner, Transition, drive_terms
 from agents.memory import Memory
 from agents.movements import Movements, adaptive, single_ticks
-from agents.networks import Adam, Perceptrons, rows
+from agents.networks import Perceptrons
 from ecology import EcologyError, Group
 from ecology.errors import nearest
 
@@ -35,15 +37,11 @@ J_CENTRE, J_SPREAD, J_CEILING = 0.45, 0.55, 2.75  # of J's output, times the dri
 WEIGHT_TOP, WEIGHT_FLOOR = 0.42, 0.055  # of the relative loss weight, times the same
 CHANGE = 0.1  # change of a deviation that counts as one unit in L_f, times its scale
 LENGTH = 0.5  # the same for a position, times half the extent; angles in radians, durations in strides
-FAR = -30.0  # exponent of a place cell below which it is silent; keeps denormal numbers out
-LONGEST = 300.0  # units of time, of a predicted duration
 ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
 ZETA = 2.0  # exponent of the law of the length of explored walks
 BLANK = {"movement": -1, "loss_f": math.nan, "loss_j": math.nan}  # of a life that begins; all else 0
+CROWD = 8  # agents from which on work is split over threads
 TRAIL = 64  # ticks of a movement whose states are kept on the way
-POLYAK = 0.1  # share by which the target network follows J per update
-
-Weights = Sequence[Tensor]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +126,10 @@ ALGORITHM1: Mapping[str, Any] = {
 }
 
 
+# the least work that was found to beat camping in every seed of `paper`: see docs/performance.md
+LEAN: Mapping[str, Any] = {"width": 32, "batch": 32, "batch_f": 64, "update_every": 8.0}
+
+
 class HJB(Learner):
     """n agents that learn f and J online, each from its own life."""
 
@@ -164,45 +166,28 @@ class HJB(Learner):
         layout = group.layout
         kinds = np.array(layout.kinds)
         self.components, self.count = len(kinds), len(self.moves.names)
-        mix, felt, self.exponent = drive_terms(layout)
-        self.mix, self.felt = torch.from_numpy(mix), torch.from_numpy(felt) if felt.any() else None
-        self.epsilon_of_drive = float(layout.epsilon)
-        scale = torch.from_numpy(layout.scale.astype(np.float32))
-        needs = kinds == "deviation"
-        self.need = torch.from_numpy(needs)
-        set_points = needs & layout.regulated & (layout.low < 0)  # needs that can be deprived
-        self.deprivable = torch.from_numpy(set_points)
-        deprived = layout.scale[set_points] if set_points.any() else layout.scale[needs]
-        self.worst = float(np.sqrt(np.sum(deprived**2))) ** self.exponent  # drive of total deprivation
-        self.scale = scale
-        angles = kinds == "angle"
-        self.low = torch.from_numpy(np.where(angles, -1e30, np.maximum(layout.low, -1e30)).astype(np.float32))
-        self.high = torch.from_numpy(np.where(angles, 1e30, np.minimum(layout.high, 1e30)).astype(np.float32))
-        self.angle = torch.from_numpy(np.flatnonzero(angles))
-        self.plain = torch.from_numpy(np.flatnonzero(~angles))
-        placed = kinds == "position"
-        centre = np.zeros(len(kinds))
-        centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
-        self.centre = torch.from_numpy(centre.astype(np.float32))
-        self.place = torch.from_numpy(np.flatnonzero(kinds == "position")[:2])
-        self.cells = s.place_cells if len(self.place) == 2 else 0
-        unit = torch.where(self.need | torch.from_numpy(kinds == "felt"), CHANGE * scale, LENGTH * scale)
-        unit[self.angle] = 1.0
-        self.unit = torch.cat([unit, torch.tensor([s.stride if s.adaptive_steps else group.dt])])  # (D + 1,)
-
+        self.cells = s.place_cells if np.sum(kinds == "position") >= 2 else 0
+        self.senses = self._senses()
         draw = np.random.default_rng(seed.spawn(1)[0])
-        self.generator = torch.Generator().manual_seed(int(draw.integers(2**62)))
-        inputs = len(self.plain) + 2 * len(self.angle) + self.cells
+        self.generator = np.random.default_rng(draw.integers(2**62))
+        angles = int(np.sum(kinds == "angle"))
+        inputs = len(kinds) + angles + self.cells
         w = s.width
-        self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), F.relu, self.generator)
-        self.J = Perceptrons(n, (inputs, w, w, 1), F.silu, self.generator)
+        self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), self.generator)
+        self.J = Perceptrons(n, (inputs, w, w, 1), self.generator)
         # a slow copy of J, or J's own weights where it is switched off
-        self.target = [w.detach().clone() for w in self.J.weights] if s.target_network else self.J.weights
-        self.adam_f, self.adam_j = Adam(self.f.weights), Adam(self.J.weights)
+        self.target = self.J.weights.copy() if s.target_network else self.J.weights
         self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count)
-        self.cell_centre = torch.zeros(n, max(self.cells, 1), 2)
-        self.cell_on = torch.zeros(n, max(self.cells, 1))
+        self.cell_centre = np.zeros((n, 2, self.cells), np.float32)
         self.cell_count = np.zeros(n, np.int64)
+        self.brains = kernels.Brains(
+            self.f.weights, self.f.first, self.f.second, self.f.steps,
+            self.J.weights, self.J.first, self.J.second, self.J.steps,
+            self.target, self.cell_centre, self.cell_count,
+        )  # fmt: skip
+        m = self.memory
+        self.ring = kernels.Ring(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
+        self.threads = _threads(n)
 
         # the movement under way, one row per slot
         self.movement = np.full(n, -1)
@@ -220,70 +205,54 @@ class HJB(Learner):
         self.loss_f, self.loss_j = np.full(n, np.nan), np.full(n, np.nan)
         self.decisions = np.zeros(n, np.int64)
 
-    # ---- f, J and the score ---------------------------------------------------------------
-
-    def drive(self, zeta: Tensor) -> Tensor:
-        """Return d, (...) at zeta (..., D): the a priori interoception of Algorithm 1."""
-        own = ((zeta @ self.mix).square().sum(-1) + self.epsilon_of_drive) ** (self.exponent / 2)
-        return own if self.felt is None else own + zeta @ self.felt
-
-    def features(self, zeta: Tensor, index: Tensor | None = None) -> Tensor:
-        """Return network inputs (k, b, F) for zeta (k, b, D) of the agents `index` (k,)."""
-        parts = [(zeta[..., self.plain] - self.centre[self.plain]) / self.scale[self.plain]]
-        if len(self.angle):
-            angle = zeta[..., self.angle]
-            parts += [angle.cos(), angle.sin()]
-        if self.cells:
-            centre = self.cell_centre if index is None else self.cell_centre[index]  # (k, C, 2)
-            on = self.cell_on if index is None else self.cell_on[index]
-            here = zeta[..., self.place]
-            # -|here - centre|^2 / (2 width^2), expanded so that one product makes all pairs
-            sharp = 1.0 / self.settings.place_width**2
-            own = (-0.5 * sharp) * here.square().sum(-1, keepdim=True)
-            theirs = (-0.5 * sharp) * centre.square().sum(-1)[:, None] + (on[:, None] - 1) * 1e6
-            parts.append((torch.baddbmm(theirs, here, centre.mT, alpha=sharp) + own).clamp_(min=FAR).exp_())
-        return torch.cat(parts, -1)
-
-    def deviation_at(self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None) -> Tensor:
-        """Return Jn = -ln(gamma) J, drive units, (k, b) at zeta (k, b, D); `weights` in place of J's own."""
-        weights = rows(self.J.weights if weights is None else weights, index)
-        out = self.J(self.features(zeta, index), weights)[..., 0]
-        return self.worst * (J_CENTRE + J_SPREAD * out)
-
-    def changes(self, zeta: Tensor, index: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Return f: changes (k, b, M, D) and durations (k, b, M) of all movements at zeta (k, b, D)."""
-        raw = self.f(self.features(zeta, index), rows(self.f.weights, index))
-        out = raw.view(*zeta.shape[:2], self.count, self.components + 1) * self.unit
-        return out[..., :-1], out[..., -1].clamp(self.group.dt, LONGEST)
-
-    def scores(self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None) -> Tensor:
-        """Return the HJB score of every movement, drive units, (k, b, M) at zeta (k, b, D).
-
-        Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'); its limit for
-        tau -> 0, less the part common to all, is the paper's d + dJ/dzeta . f.
-        """
-        gamma = self.settings.gamma
-        if self.settings.finite_difference:
-            with torch.no_grad():
-                change, duration = self.changes(zeta, index)
-                after = torch.minimum(torch.maximum(zeta[:, :, None] + change, self.low), self.high)
-                keep = gamma**duration
-                ahead = self.deviation_at(after.flatten(1, 2), index, weights).view(keep.shape)
-                return (1 - keep) * 0.5 * (self.drive(zeta)[..., None] + self.drive(after)) + keep * ahead
-        change, duration = self.changes(zeta, index)
-        change = change.detach()
-        rate = change / duration.detach()[..., None]
-        slope = self.slope(zeta, index, weights)
-        return self.drive(zeta[:, :, None] + rate * self.group.dt) + (slope[:, :, None] * rate).sum(-1) / -math.log(
-            gamma
+    def _senses(self) -> kernels.Senses:
+        """Return what all agents share, for the kernels."""
+        s, layout = self.settings, self.group.layout
+        kinds = np.array(layout.kinds)
+        needs, angles, places = kinds == "deviation", kinds == "angle", np.flatnonzero(kinds == "position")
+        mix, felt, exponent = drive_terms(layout)
+        mix_from, mix_to = np.nonzero(mix)
+        can = needs & layout.regulated & (layout.low < 0)  # needs that can be deprived
+        deprived = layout.scale[can] if can.any() else layout.scale[needs]
+        worst = float(np.sqrt(np.sum(deprived**2))) ** exponent  # drive of total deprivation
+        unit = np.where(needs | (kinds == "felt"), CHANGE * layout.scale, LENGTH * layout.scale)
+        unit = np.append(np.where(angles, 1.0, unit), s.stride if s.adaptive_steps else self.group.dt)
+        placed, centre = kinds == "position", np.zeros(len(kinds))
+        centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
+        f4 = np.float32
+        return kernels.Senses(
+            centre=centre.astype(f4),
+            inverse=(1 / layout.scale).astype(f4),
+            scale=layout.scale.astype(f4),
+            low=np.where(angles, -1e30, np.maximum(layout.low, -1e30)).astype(f4),
+            high=np.where(angles, 1e30, np.minimum(layout.high, 1e30)).astype(f4),
+            unit=unit.astype(f4),
+            plain=np.flatnonzero(~angles),
+            angle=np.flatnonzero(angles),
+            place=places[:2] if self.cells else np.zeros(2, np.int64),
+            need=needs,
+            deprivable=np.flatnonzero(can),
+            mix_from=mix_from,
+            mix_to=mix_to,
+            mix_weight=mix[mix_from, mix_to],
+            felt=felt,
+            epsilon=f4(layout.epsilon),
+            exponent=f4(exponent),
+            sharp=f4(s.place_width**-2),
+            log_gamma=f4(math.log(s.gamma)),
+            dt=f4(self.group.dt),
+            centre_j=f4(worst * J_CENTRE),
+            spread_j=f4(worst * J_SPREAD),
+            ceiling=f4(worst * J_CEILING),
+            weight_top=f4(worst * WEIGHT_TOP * s.relative_weight),
+            weight_floor=f4(worst * WEIGHT_FLOOR),
+            deprived=f4(DEPRIVED),
+            sated=f4(SATED),
+            width=s.width,
+            movements=self.count,
+            finite=s.finite_difference,
+            minimum=s.minimum_in_loss,
         )
-
-    def slope(self, zeta: Tensor, index: Tensor | None = None, weights: Weights | None = None) -> Tensor:
-        """Return dJn/dzeta (k, b, D), differentiable in the weights."""
-        with torch.enable_grad():
-            at = zeta.detach().requires_grad_()
-            value = self.deviation_at(at, index, weights)
-            return torch.autograd.grad(value.sum(), at, create_graph=True)[0]
 
     # ---- births and deaths ----------------------------------------------------------------
 
@@ -291,40 +260,24 @@ class HJB(Learner):
         """Drop the movements under way in `slots` (k,)."""
         self.movement[slots] = -1
 
-    @torch.no_grad()
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:
         """Begin a new life in `slots` (k,), from nothing or from what `parents` (k,) know; all in place."""
-        for name, array in self._arrays().items():
+        for name, array in self._life().items():
             array[slots] = BLANK.get(name, 0)
-        index = torch.from_numpy(slots)
-        for tensor in (self.cell_centre, self.cell_on):
-            tensor[index] = 0
-        for optimiser in (self.adam_f, self.adam_j):
-            optimiser.forget(index)
-        own = parents >= 0 if self.settings.inherit else np.zeros(len(slots), bool)
-        new = index[torch.from_numpy(~own)]
-        if len(new):
-            self.f.redraw(new)
-            self.J.redraw(new)
-            for slow, weight in zip(self.target, self.J.weights, strict=True):
-                slow[new] = weight[new]
-        if own.any():
-            self._inherit(index[torch.from_numpy(own)], torch.from_numpy(parents[own]))
-
-    def _inherit(self, index: Tensor, parents: Tensor) -> None:
-        """Give the newborn `index` (k,) what `parents` (k,) know of the world, with mutations."""
-        for tensor in (self.cell_centre, self.cell_on):
-            tensor[index] = tensor[parents]
-        self.cell_count[index.numpy()] = self.cell_count[parents.numpy()]
-        slow = self.target if self.settings.target_network else []
-        for tensor in (*self.f.weights, *self.J.weights, *slow):
-            tensor[index] = tensor[parents]
+        self.f.forget(slots)
+        self.J.forget(slots)
+        own = (parents >= 0) & self.settings.inherit
+        new, heirs, from_ = slots[~own], slots[own], parents[own]
+        self.f.redraw(new)
+        self.J.redraw(new)
+        self.target[new] = self.J.weights[new]
+        for array in (self.f.weights, self.J.weights, self.target, self.cell_centre, self.cell_count):
+            array[heirs] = array[from_]
         if self.settings.mutation > 0:
-            for weight in (*self.f.weights, *self.J.weights):
-                spread = self.settings.mutation * weight[index].square().mean((1, 2), keepdim=True).sqrt()
-                weight[index] += spread * torch.randn(weight[index].shape, generator=self.generator)
-            for slow_, weight, old in zip(slow, self.J.weights, [w[parents] for w in self.J.weights], strict=False):
-                slow_[index] += weight[index] - old  # the target mutates with J
+            self.f.mutate(heirs, self.settings.mutation)
+            noise = self.J.mutate(heirs, self.settings.mutation)
+            if self.settings.target_network:
+                self.target[heirs] += noise  # it mutates with J
 
     # ---- acting ---------------------------------------------------------------------------
 
@@ -380,19 +333,18 @@ class HJB(Learner):
     def _decide(self, slots: np.ndarray, observations: np.ndarray, masks: np.ndarray) -> None:
         """Choose a movement for the agents in `slots` (k,): epsilon-greedy in the HJB score."""
         open_ = self.moves.open(masks)  # (k, M)
-        index = None if len(slots) == self.size else torch.from_numpy(slots)
-        with torch.no_grad():
-            zeta = torch.from_numpy(observations)[:, None]
-            score = self.scores(zeta, index)[:, 0].detach().numpy()
-        if not np.isfinite(score).all():
-            bad = int(slots[np.flatnonzero(~np.isfinite(score).all(axis=1))[0]])
-            raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
-        greedy = np.where(open_, score, np.inf).argmin(axis=1)
         drawn = self.rng.random((self.size, 2))[slots]
+        explores = drawn[:, 0] < self.epsilon()[slots]
         share = (open_ / self.moves.length).cumsum(axis=1)  # each open movement gets the same time
         explored = (share > drawn[:, 1:] * share[:, -1:]).argmax(axis=1)
-        explores = drawn[:, 0] < self.epsilon()[slots]
-        chosen = np.where(explores, explored, greedy)
+        knows = np.flatnonzero(~explores)
+        chosen = explored
+        if knows.size:
+            score = self._scores(slots[knows], observations[knows], open_[knows])
+            if np.isnan(score).any() or np.isneginf(score).any():
+                bad = int(slots[knows[np.flatnonzero(~(score > -np.inf).all(axis=1))[0]]])
+                raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
+            chosen[knows] = score.argmin(axis=1)
         if self.learning and self.settings.persistence > 1:
             chosen = self._persist(slots, chosen, explores, open_)
         self.movement[slots] = chosen
@@ -420,15 +372,14 @@ class HJB(Learner):
 
     def _recruit(self, slots: np.ndarray, observations: np.ndarray) -> None:
         """Give a place cell to those of `slots` who stand farther than the spacing from all of theirs."""
-        here = observations[:, self.place.numpy()]  # (k, 2)
-        centre = self.cell_centre.numpy()[slots]
-        gap = np.hypot(centre[..., 0] - here[:, None, 0], centre[..., 1] - here[:, None, 1])
-        gap[self.cell_on.numpy()[slots] == 0] = np.inf
+        here = observations[:, self.senses.place]  # (k, 2)
+        centre = self.cell_centre[slots]
+        gap = np.hypot(centre[:, 0] - here[:, :1], centre[:, 1] - here[:, 1:])
+        gap[np.arange(self.cells) >= self.cell_count[slots][:, None]] = np.inf
         new = (gap.min(axis=1) > self.settings.place_spacing) & (self.cell_count[slots] < self.cells)
         who = slots[new]
         at = self.cell_count[who]
-        self.cell_centre.numpy()[who, at] = here[new]
-        self.cell_on.numpy()[who, at] = 1.0
+        self.cell_centre[who, :, at] = here[new]
         self.cell_count[who] += 1
 
     # ---- learning -------------------------------------------------------------------------
@@ -479,146 +430,96 @@ class HJB(Learner):
         late = np.clip(2 * self.age * self.group.dt / s.life - 1, 0, 1)
         return s.learning_rate + (s.learning_rate_final - s.learning_rate) * late
 
-    def _draw(self, batch: int) -> Tensor:
-        """Return positions (n, batch) in memory to learn from; the newest alone without replay."""
-        s = self.settings
-        if not s.replay:
-            return self.memory.newest()
-        return self.memory.sample(batch, s.recent, s.recent_share, self.generator)
-
     def _update(self, ready: np.ndarray) -> None:
-        s = self.settings
-        zeta, movement, after, _, open_ = self.memory.take(self._draw(s.batch))
-        rate = torch.from_numpy(np.where(ready, self.rate(), 0.0).astype(np.float32))
-        loss_f = self._loss_f(*self.memory.take(self._draw(s.batch_f))[:4])  # (n,)
-        self.adam_f.step(torch.autograd.grad(loss_f.sum(), self.f.weights), rate)
-        loss_j = self._loss_j(zeta, movement, after, open_)  # (n,)
-        self.adam_j.step(torch.autograd.grad(loss_j.sum(), self.J.weights), rate)
-        if s.target_network:
-            with torch.no_grad():
-                for slow, weight in zip(self.target, self.J.weights, strict=True):
-                    slow.lerp_(weight, POLYAK)
-        self.loss_f = np.where(ready, loss_f.detach().numpy(), self.loss_f)
-        self.loss_j = np.where(ready, loss_j.detach().numpy(), self.loss_j)
+        """Take one gradient step on L_f and L_J for the agents that are `ready` (n,)."""
+        s, n, g = self.settings, self.size, self.generator
+        b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
+        m = round(s.imagined * b)
+        draws = kernels.Draws(
+            uniform=g.random((n, b + bf + m * self.components + m + m // 2), np.float32),
+            normal=g.standard_normal((n, m // 2, self.components), np.float32),
+            batch=b,
+            batch_f=bf,
+            recent=s.recent,
+            late=round(b * s.recent_share),
+            late_f=round(bf * s.recent_share),
+            imagined=m,
+        )
+        rate = self.rate()
+        self._share(
+            lambda start, stop: kernels.update(
+                self.senses, self.brains, self.ring, draws, ready, rate, self.loss_f, self.loss_j, start, stop
+            ),
+            n,
+        )
         bad = np.flatnonzero(ready & ~(np.isfinite(self.loss_f) & np.isfinite(self.loss_j)))
         if bad.size:
             raise DivergedError("L_f or L_J", self.group.slots.start + int(bad[0]), ADVICE)
 
-    def _loss_f(self, zeta: Tensor, movement: Tensor, after: Tensor, duration: Tensor) -> Tensor:
-        """Return L_f (n,): the squared error of the executed movement's predicted change."""
-        raw = self.f(self.features(zeta))
-        raw = raw.view(*zeta.shape[:2], self.count, self.components + 1)
-        pick = movement.clamp(min=0)[..., None, None].expand(-1, -1, 1, self.components + 1)
-        predicted = raw.gather(2, pick)[:, :, 0]
-        change = after - zeta
-        if len(self.angle):
-            turned = change[..., self.angle]
-            change[..., self.angle] = torch.atan2(turned.sin(), turned.cos())
-        goal = torch.cat([change, duration.clamp(max=LONGEST)[..., None]], -1) / self.unit
-        known = (movement >= 0).float()
-        return ((predicted - goal).square().mean(2) * known).sum(1) / known.sum(1).clamp(min=1)
+    def _scores(self, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
+        """Return the HJB score (k, M) of the open movements of `slots` (k,) at zeta (k, D), infinity elsewhere."""
+        out = np.empty(open_.shape, np.float32)
+        self._share(
+            lambda start, stop: kernels.decide(
+                self.senses,
+                self.brains,
+                slots[start:stop],
+                zeta[start:stop],
+                open_[start:stop],
+                out[start:stop],
+            ),
+            len(slots),
+        )
+        return out
 
-    def _loss_j(self, zeta: Tensor, movement: Tensor, after: Tensor, open_: Tensor) -> Tensor:
-        """Return L_J (n,): the squared residual of the HJB equation, in drive units."""
-        s = self.settings
-        if s.imagined:
-            zeta = self._imagine(zeta)
-        executed, known = movement.clamp(min=0), (movement >= 0).float()
-        if s.minimum_in_loss:
-            known = torch.ones_like(known)  # asks for no executed movement
-            score = self.scores(zeta, weights=self.target).detach()
-            goal = score.masked_fill(~open_, math.inf).amin(-1)
-        elif s.finite_difference:
-            score = self.scores(zeta, weights=self.target)
-            goal = score.gather(2, executed[..., None])[..., 0]
-        else:  # as printed: d of the state reached, dJ/dzeta . f of the executed action
-            change, duration = self.changes(zeta)
-            pick = executed[..., None, None].expand(-1, -1, 1, self.components)
-            rate = (change / duration[..., None]).detach().gather(2, pick)[:, :, 0]
-            goal = self.drive(after) + (self.slope(zeta) * rate).sum(-1) / -math.log(s.gamma)
-        if s.minimum_in_loss or s.finite_difference:
-            goal = goal.clamp(0, J_CEILING * self.worst)
-        residual = self.deviation_at(zeta) - goal
-        if s.relative_weight:
-            weight = WEIGHT_TOP * self.worst / (WEIGHT_FLOOR * self.worst + self.drive(zeta))
-            residual = residual * weight
-        return (residual.square() * known).sum(1) / known.sum(1).clamp(min=1)
-
-    def _imagine(self, zeta: Tensor) -> Tensor:
-        """Return zeta with the needs of the first part of the batch redrawn, place and rest kept.
-
-        Half of those have all needs uniform between deprived and a little beyond sated, half have
-        one need deprived and the others near sated; fatigues are scaled down at random.
-        """
-        n, b, d = zeta.shape
-        m = round(self.settings.imagined * b)
-        g = self.generator
-        low = torch.maximum(DEPRIVED * self.scale, self.low)
-        drawn = low + torch.rand(n, m, d, generator=g) * (SATED * self.scale - low)
-        near = 0.1 * self.scale * torch.randn(n, m // 2, d, generator=g)
-        chances = self.deprivable.float().expand(n * (m // 2), -1)
-        if bool(self.deprivable.any()):
-            which = torch.multinomial(chances, 1, generator=g).view(n, m // 2, 1)
-            one = torch.zeros_like(near).scatter(2, which, 1.0).bool()
-            near = torch.where(one, drawn[:, : m // 2], near)
-        drawn[:, : m // 2] = near
-        old = zeta[:, :m]
-        calm = old * torch.rand(n, m, 1, generator=g)
-        fresh = torch.where(self.deprivable, drawn, torch.where(self.need, calm, old))
-        fresh = torch.minimum(torch.maximum(fresh, self.low), self.high)
-        return torch.cat([fresh, zeta[:, m:]], 1)
+    def _share(self, work: Callable[[int, int], None], count: int) -> None:
+        """Do `work` on the rows from 0 to `count`, split over threads where there are many."""
+        with BLAS.limit(limits=1, user_api="blas"):
+            if self.threads is None or count < CROWD:
+                return work(0, count)
+            edges = np.linspace(0, count, 4 * WORKERS + 1).astype(int)
+            for done in [self.threads.submit(work, a, b) for a, b in itertools.pairwise(edges.tolist())]:
+                done.result()
 
     # ---- what it has become ---------------------------------------------------------------
 
-    def _tensors(self) -> dict[str, Tensor]:
-        """Return every tensor that changes, by name."""
-        found = {"adam_f.steps": self.adam_f.steps, "adam_J.steps": self.adam_j.steps}
-        for name, values in (
-            ("f", self.f.weights),
-            ("J", self.J.weights),
-            ("target", self.target),
-            ("adam_f.first", self.adam_f.first),
-            ("adam_f.second", self.adam_f.second),
-            ("adam_J.first", self.adam_j.first),
-            ("adam_J.second", self.adam_j.second),
-        ):
-            found |= {f"{name}.{i}": value for i, value in enumerate(values)}
-        for name in ("zeta", "after", "duration", "movement", "open"):
-            found[f"memory.{name}"] = getattr(self.memory, name)
-        return found | {"cell_centre": self.cell_centre, "cell_on": self.cell_on}
-
-    def _arrays(self) -> dict[str, np.ndarray]:
-        """Return every array that changes, by name."""
+    def _life(self) -> dict[str, np.ndarray]:
+        """Return every array that changes and starts blank at birth, by name."""
         own = (
-            "cell_count", "movement", "stage", "left", "elapsed", "began", "was_open", "more",
+            "cell_centre", "cell_count", "movement", "stage", "left", "elapsed", "began", "was_open", "more",
             "trail", "trail_open", "age", "loss_f", "loss_j", "decisions",
         )  # fmt: skip
         return {name: getattr(self, name) for name in own} | {"memory.count": self.memory.count}
 
+    def _arrays(self) -> dict[str, np.ndarray]:
+        """Return every array that changes, by name."""
+        found = {"target": self.target}
+        for name, network in (("f", self.f), ("J", self.J)):
+            found[name] = network.weights
+            found |= {f"adam_{name}.{part}": getattr(network, part) for part in ("first", "second", "steps")}
+        for name in ("zeta", "after", "duration", "movement", "open"):
+            found[f"memory.{name}"] = getattr(self.memory, name)
+        return found | self._life()
+
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the agents have become: arrays, and plain values that JSON holds."""
-        arrays = {name: value.detach().numpy() for name, value in self._tensors().items()}
-        arrays |= self._arrays()
-        arrays["generator"] = self.generator.get_state().numpy()
-        return arrays, {"rng": self.rng.bit_generator.state, "ticks": self.ticks}
+        streams = {"rng": self.rng.bit_generator.state, "generator": self.generator.bit_generator.state}
+        return self._arrays(), {**streams, "ticks": self.ticks}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned; EcologyError where it does not fit this learner."""
-        tensors, own = self._tensors(), self._arrays()
-        for name, here in (tensors | own).items():
+        own = self._arrays()
+        for name, here in own.items():
             shape = arrays[name].shape if name in arrays else None
-            if shape != tuple(here.shape):
+            if shape != here.shape:
                 raise EcologyError(
                     f"the checkpoint does not fit the learner: {name} has the shape {shape}, the learner "
-                    f"{tuple(here.shape)}; load it with the settings that it was written with."
+                    f"{here.shape}; load it with the settings that it was written with."
                 )
-        with torch.no_grad():
-            for name, tensor in tensors.items():
-                tensor.copy_(torch.from_numpy(np.array(arrays[name])))
         for name, array in own.items():
             array[...] = arrays[name]
-        self.generator.set_state(torch.from_numpy(np.array(arrays["generator"])))
         self.rng.bit_generator.state = values["rng"]
+        self.generator.bit_generator.state = values["generator"]
         self.ticks = int(values["ticks"])
 
     # ---- what others may see --------------------------------------------------------------
@@ -632,15 +533,84 @@ class HJB(Learner):
             "decisions": self.decisions,
         }
 
-    @torch.no_grad()
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray:
         """Return -ln(gamma) J in drive units, (m,) at states (m, D), for the agent in `slot`."""
-        at = torch.from_numpy(np.asarray(zeta, np.float32))[None]
-        return self.deviation_at(at, torch.tensor([slot]))[0].numpy()
+        zeta = np.ascontiguousarray(zeta, np.float32)
+        return kernels.value_at(self.senses, self.brains, slot, zeta)
 
-    @torch.no_grad()
+    def slope(self, slot: int, zeta: np.ndarray) -> np.ndarray:
+        """Return the derivative of `deviation` by zeta, (m, D) at states (m, D)."""
+        return kernels.slope_at(self.senses, self.brains, slot, np.ascontiguousarray(zeta, np.float32))
+
     def predict(self, slot: int, zeta: np.ndarray) -> dict[str, Any]:
         """Return f at states (m, D): movement names, change (m, M, D), duration (m, M)."""
-        at = torch.from_numpy(np.asarray(zeta, np.float32))[None]
-        change, duration = self.changes(at, torch.tensor([slot]))
-        return {"names": self.moves.names, "change": change[0].numpy(), "duration": duration[0].numpy()}
+        zeta = np.ascontiguousarray(zeta, np.float32)
+        raw = kernels.forecast_at(self.senses, self.brains, slot, zeta)
+        raw = raw.reshape(len(zeta), self.count, self.components + 1) * self.senses.unit
+        duration = raw[..., -1].clip(self.group.dt, kernels.LONGEST)
+        return {"names": self.moves.names, "change": raw[..., :-1], "duration": duration}
+
+    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
+        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open.
+
+        See `Learner.decision`. Over a whole movement of duration tau, dJ/dzeta . f is the mean slope
+        (J(zeta') - J(zeta)) / tau; without `finite_difference`, the slope at zeta.
+        """
+        s, layout = self.settings, self.group.layout
+        told = self.predict(slot, zeta[None])
+        change, duration = told["change"][0], told["duration"][0]  # (M, D), (M,)
+        whole = s.finite_difference
+        step = duration if whole else np.full(len(duration), self.group.dt)
+        after = zeta + change * (step / duration)[:, None]
+        if whole:
+            angle = np.array(layout.kinds) == "angle"
+            after = np.clip(after, np.where(angle, -np.inf, layout.low), np.where(angle, np.inf, layout.high))
+        mix, felt, exponent = drive_terms(layout)
+
+        def drive(at: np.ndarray) -> np.ndarray:
+            return (np.square(at @ mix).sum(-1) + layout.epsilon) ** (exponent / 2) + at @ felt
+
+        here = float(self.deviation(slot, zeta[None])[0])
+        ahead = self.deviation(slot, after.astype(np.float32))
+        if whole:
+            slope = (ahead - here) / (-np.log(s.gamma) * step)
+        else:
+            slope = self.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
+        keep = s.gamma**duration
+        total = drive(after) + slope
+        return {
+            "names": self.moves.names,
+            "open": self.moves.open(mask[None])[0],
+            "next_drive": drive(after),
+            "slope": slope,
+            "sum": total,
+            "score": (1 - keep) * 0.5 * (drive(zeta) + drive(after)) + keep * ahead if whole else total,
+            "J": here,
+            "gamma": s.gamma,
+            "error": self._error(slot),
+        }
+
+    def _error(self, slot: int, last: int = 64) -> np.ndarray:
+        """Return the error of f per component over the `last` decisions, relative to the changes met, (D,)."""
+        memory, newest = self.memory, int(self.memory.count[slot])
+        at = np.arange(max(newest - min(last, memory.capacity), 0), newest) % memory.capacity
+        began, met, taken = (part[slot, at] for part in (memory.zeta, memory.after, memory.movement))
+        kept = taken >= 0
+        if kept.sum() < 2:
+            return np.full(self.components, np.nan)
+        change, taken = (met - began)[kept], taken[kept]
+        predicted = self.predict(slot, began[kept])["change"][np.arange(len(taken)), taken]
+        angle = np.array(self.group.layout.kinds) == "angle"
+        change[:, angle] = (change[:, angle] + np.pi) % (2 * np.pi) - np.pi
+        size = np.sqrt(np.square(change).mean(0))
+        error = np.sqrt(np.square(predicted - change).mean(0))
+        return np.divide(error, size, out=np.full(self.components, np.nan), where=size > 1e-9)
+
+
+BLAS = ThreadpoolController()
+WORKERS = int(os.environ.get("NUMBA_NUM_THREADS", 0)) or len(os.sched_getaffinity(0))
+
+
+def _threads(n: int) -> ThreadPoolExecutor | None:
+    """Return threads for n agents; None where one is enough. Results do not depend on their number."""
+    return ThreadPoolExecutor(WORKERS) if WORKERS > 1 and n >= CROWD else None

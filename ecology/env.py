@@ -144,6 +144,7 @@ class Ecology(ParallelEnv):
         self.agents: list[str] = []
         self._slots: dict[str, int] = {}  # of `agents`, by name
         self._state: State | None = None
+        self._picture: Any = None  # of `render`, drawn upon again and again
         self._pairs: neighbours.Pairs | None = None
         self._seed = 0
 
@@ -279,7 +280,7 @@ class Ecology(ParallelEnv):
     def _decide(self, actions: np.ndarray) -> tuple[Floats, Floats, Floats, Bools]:
         """Return u (N, V), speed (N,), direction (N,) and who asked for a closed action (N,)."""
         state = self._now()
-        actions = self._check_actions(actions)
+        actions = self._checked(actions)
         control = np.empty_like(state.internal)
         speed, direction, way = np.empty(self.size), np.empty(self.size), np.empty((self.size, 2))
         closed = np.empty(self.size, bool)
@@ -362,7 +363,7 @@ class Ecology(ParallelEnv):
             given += np.where(living, outcome.given, 0.0)
             ruled = outcome.killed & state.alive
             if outcome.position is not None:
-                state.position = self._inside(np.asarray(outcome.position, float))
+                state.position = np.where(living, self._inside(np.asarray(outcome.position, float)), state.position)
         state.received, state.given = state.received + received, state.given + given
         return received, given, killed, ruled
 
@@ -491,13 +492,13 @@ class Ecology(ParallelEnv):
             units = resources.whole_units(until) - resources.whole_units(state.time)
             state.available = resources.appear(table, state.available, units, self._rng["availability"])
 
-    def _check_actions(self, actions: np.ndarray) -> Ints:
-        """Return the actions (N,), or raise EcologyError where one is none."""
+    def _checked(self, actions: np.ndarray) -> Ints:
+        """Return the actions (N,), those of dead slots as 0, or raise EcologyError."""
         if actions.shape != (self.size,) or actions.dtype.kind not in "iu":
             raise EcologyError(
                 f"actions must be {self.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
             )
-        found = actions.astype(np.int64)
+        found = np.where(self._now().alive, actions, 0).astype(np.int64)
         bad = kernels.first_unknown(found, self._choices)
         if bad >= 0:
             raise EcologyError(
@@ -524,9 +525,13 @@ class Ecology(ParallelEnv):
         }
         # the drive, of oneself and of others
         delta = physiology.deviation(body, state.internal)
+        last = state.drive, state.felt
         state.own_drive = state.drive = physiology.drive(delta, body.epsilon, 1.0 if body.straight else body.exponent)
         for coupling in self._couplings:
             self._empathise(coupling, delta)
+        if self._couplings:  # the dead feel what they felt last: to die is no relief
+            state.drive = np.where(state.alive, state.drive, last[0])
+            state.felt = np.where(state.alive[:, None], state.felt, last[1])
         self._around = senses.Surroundings(table, self._plane, body, self._species_of, glimpse, pairs, self._eyes)
         self._masks = {
             group.name: action_mask(
@@ -557,12 +562,8 @@ class Ecology(ParallelEnv):
 
     def _empathise(self, coupling: empathy.Coupling, delta: Floats) -> None:
         """Let the state of others enter the drive of one species."""
-        state, body, rows, pairs = self._now(), self._body, coupling.rows, self._pairs
-        seen = None
-        if coupling.empathy.sight and pairs is not None:
-            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
-        weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
-        felt = empathy.feel(coupling, weight, state, body)
+        state, body, rows = self._now(), self._body, coupling.rows
+        felt = empathy.feel(coupling, self._weigh(coupling), state, body)
         state.felt, state.drive = state.felt.copy(), state.drive.copy()
         state.felt[rows] = felt
         if coupling.empathy.form == "sum":
@@ -570,6 +571,13 @@ class Ecology(ParallelEnv):
         else:
             together = coupling.own * delta[rows] + felt
             state.drive[rows] = physiology.drive(together, body.epsilon[rows], body.exponent[rows])
+
+    def _weigh(self, coupling: empathy.Coupling) -> Floats:
+        """Return who of one species feels whom now and how much, (n, m)."""
+        state, pairs, seen = self._now(), self._pairs, None
+        if coupling.empathy.sight and pairs is not None:
+            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
+        return empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
 
     def _look(
         self,
@@ -602,6 +610,22 @@ class Ecology(ParallelEnv):
             raise EcologyError("the world has not started: call reset before step.")
         return self._state
 
+    # ---- for those who watch ---------------------------------------------------------------
+
+    def sighted(self, slot: int) -> Ints:
+        """Return the slots of the others whom the agent in `slot` sees now, (k,); none where its species looks not."""
+        state, pairs = self._now(), self._pairs
+        if pairs is None or not self._looks[slot]:
+            return np.empty(0, np.int64)
+        looks = np.arange(self.size) == slot
+        return pairs.other[senses.sight(self._eyes, pairs, state.position, state.heading, looks)]
+
+    def coupling(self, species: str) -> tuple[Floats, Ints] | None:
+        """Return who of `species` feels whom now and how much, (n, m), and the m slots of those who may be felt."""
+        rows = self.groups[species].slots
+        found = [coupling for coupling in self._couplings if coupling.rows == rows]
+        return (self._weigh(found[0]), found[0].others) if found else None
+
     # ---- putting a world where one wants it ----------------------------------------------
 
     def put(self, **fields: Any) -> Tick:
@@ -620,6 +644,9 @@ class Ecology(ParallelEnv):
                 f"state {name!r} has the shape {known[name].shape}, got {value.shape}.",
             )
             setattr(state, name, value.copy())
+        state.position = self._plane.home(state.position)
+        if fields.keys() & {"position", "alive"}:  # the solver remembers contacts of another place
+            self._physics = Physics(self.scenario.arena, self._radius, self._solid, state.position, state.alive)
         self._feel()
         return self._look(np.zeros(self.size))
 
@@ -806,9 +833,11 @@ class Ecology(ParallelEnv):
         """Return a picture of the world, uint8 (height, width, 3), for render_mode "rgb_array"."""
         if self.render_mode is None:
             return None
-        from ecology.observers.picture import draw  # loads the plotting library
+        from ecology.observers.picture import Picture, frame  # loads the plotting library
 
-        return draw(self.scenario, self._now().readonly())
+        if self._picture is None:
+            self._picture = Picture(self.scenario)
+        return self._picture.draw(frame(self.scenario, self._now().readonly()))
 
     def close(self) -> None:
         """Nothing to release."""

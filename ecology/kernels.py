@@ -276,7 +276,7 @@ def around(
 
     Inside which circle each is and which it sees, (n, R); for each resource the nearest patch of those
     `offered` (R,), -1 without: `here`, in whose circle it is, `toward`, that it sees or is `bound_for`
-    (n,) and is not in, and `glimpse`, that it sees or is in, (n, K). Who has arrived is bound for nothing
+    (n,) while it is in none, and `glimpse`, that it sees or is in, (n, K). Who has arrived is bound for nothing
     more: `bound_for` is written. `looks`, `half_angle`, `range_` (n,) are the eyes, `reach`, `kind` (R,) the
     patches.
     """
@@ -312,6 +312,9 @@ def around(
                 far[k], toward[i, k] = (-1.0 if bound else d), r
             if (sees or within) and d < any_[k]:
                 any_[k], glimpse[i, k] = d, r
+        for k in range(kinds):
+            if here[i, k] >= 0:  # who stands in a patch has arrived
+                toward[i, k] = -1
     return inside, seen, here, toward, glimpse
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from ecology.kernels import inside_polygon
 from ecology.plane import plane_of
-from ecology.spec import Arena, Birth, Hazard, Species
+from ecology.spec import Arena, Birth, Hazard, Species, require
 from ecology.state import Bools, Floats, Ints
 
+ROUNDS = 1_000  # of at least 18 points at random, none of them inside, after which an arena is too thin
 AROUND = 8  # directions in which a parent looks for room for its newborn
 
 
@@ -26,11 +27,13 @@ def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) 
         heading = np.full(count, float(species.heading))
     else:
         heading = rng.uniform(-np.pi, np.pi, count)
-    return position, heading
+    return plane_of(arena).home(position), heading
 
 
 def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:
     """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
+    if not count:
+        return np.empty((0, 2))
     import shapely  # slow to load, needed at births only
 
     margin = margin if arena.walls else 0.0
@@ -40,12 +43,19 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
     high = np.max([p.max(axis=0) for p in parts], axis=0)
     found: list[Floats] = []
     have = 0
+    fruitless = 0  # rounds in a row
     while have < count:
+        require(
+            fruitless < ROUNDS,
+            f"{count} places, {margin!r} away from every wall, are not found at random in an arena this thin; "
+            "widen it, or give positions.",
+        )
         points = rng.uniform(low, high, (2 * (count - have) + 16, 2))
         kept = points[np.any([inside_polygon(p, points) for p in parts], axis=0)]
         found.append(kept)
         have += len(kept)
-    return np.concatenate(found)[:count] if found else np.empty((0, 2))
+        fruitless = 0 if len(kept) else fruitless + 1
+    return np.concatenate(found)[:count]
 
 
 # ---- births ----------------------------------------------------------------------------------

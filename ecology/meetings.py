@@ -77,10 +77,16 @@ def checked(outcome: Outcome, scenario: Scenario, state: State) -> Outcome:
         value = getattr(outcome, word)
         if value is None and word == "position":
             continue
-        if np.shape(value) != like.shape or not np.isfinite(value).all():
-            raise EcologyError(f"{owner}: {word} must be finite and of shape {like.shape}, got {value!r}.")
-    if np.shape(outcome.killed) != state.alive.shape or outcome.killed.dtype != bool:
-        raise EcologyError(f"{owner}: killed must be true or false for {state.alive.shape}, got {outcome.killed!r}.")
+        numbers = isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
+        if not numbers or value.shape != like.shape or not np.isfinite(value).all():
+            raise EcologyError(
+                f"{owner}: {word} must be an array of finite numbers of shape {like.shape}, got {value!r}."
+            )
+    killed = outcome.killed
+    if not isinstance(killed, np.ndarray) or killed.shape != state.alive.shape or killed.dtype != bool:
+        raise EcologyError(
+            f"{owner}: killed must be an array of true or false of shape {state.alive.shape}, got {killed!r}."
+        )
     return outcome
 
 

@@ -134,7 +134,8 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
         grown[logistic] = s * (k - s) * -np.expm1(-rate) / (s + (k - s) * np.exp(-rate))
     exponential = np.flatnonzero((table.exponential > 0) & (stock > eaten))
     if exponential.size:
-        grown[exponential] = stock[exponential] * np.expm1(table.exponential[exponential] * span[exponential])
+        rate = np.minimum(table.exponential[exponential] * span[exponential], 600.0)  # e^600 fills any stock
+        grown[exponential] = stock[exponential] * np.expm1(rate)
     finite = np.isfinite(stock)
     left = np.where(finite, stock - eaten, 0.0)  # not negative: a share is at most the stock
     grown = np.where(finite, np.minimum(grown, table.capacity - left), eaten)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import Rule
 from ecology.senses import SENSES, layout
 from ecology.spec import Action, Arena, Oscillation, Relocation, Resource, Species, require
+from ecology.state import State
 
+SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
 FARTHEST = 200  # radii that a body moves in one tick at most: as many substeps as physics takes
 
 
@@ -26,14 +28,15 @@ class Scenario:
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
     rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
+    measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
 
     def __post_init__(self) -> None:
         owner = f"scenario {self.name!r}"
         require(len(self.species) > 0, f"{owner}: at least one species.")
         require(
-            isinstance(self.dt, (int, float)) and 0 < self.dt < float("inf"),
-            f"{owner}: dt must be a positive number, got {self.dt!r}.",
+            isinstance(self.dt, (int, float)) and SHORTEST <= self.dt < float("inf"),
+            f"{owner}: dt must be a positive number of at least {SHORTEST:g}, got {self.dt!r}.",
         )
         require(
             isinstance(self.ticks, int) and self.ticks > 0,
@@ -52,6 +55,11 @@ class Scenario:
             f"{owner}: at least one agent; every species has the count 0 and no arrivals.",
         )
         require(self.rule is None or callable(self.rule), f"{owner}: rule must be a function, got {self.rule!r}.")
+        for name, measure in self.measures.items():
+            require(
+                isinstance(name, str) and bool(name) and callable(measure),
+                f"{owner}: measures are functions of the state by name, got {name!r}: {measure!r}.",
+            )
         for species in self.species:
             self._check_needs_named(species)
             self._check_others(species)
@@ -119,6 +127,15 @@ class Scenario:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
         for name in species.sees:
             require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
+        for need in species.needs:
+            fastest = (
+                need.leak - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
+            )
+            require(
+                fastest * self.dt <= 1,
+                f"{owner}: {need.name!r} falls by {fastest:g} of itself per unit of time, which a tick of {self.dt!r} "
+                f"cannot follow; dt must be at most {1 / max(fastest, 1e-300):g}.",
+            )
         components = layout(species, self.arena, self.resources, self.species).names
         twice = sorted({name for name in components if components.count(name) > 1})
         require(
@@ -189,7 +206,16 @@ class Scenario:
                 f"{owner}: the matrix of its empathy must be {species.slots} by {species.slots}, a row and a column "
                 f"per slot, got {rows} rows of {sorted(shapes)}.",
             )
-            felt = sum(s.slots for s in self.species if s.name in (empathy.species or (species.name,)))
+            others = [s for s in self.species if s.name in (empathy.species or (species.name,))]
+            require(
+                empathy.matrix is None or species in others,
+                f"{owner}: the matrix of its empathy is of its own species, which it does not feel; add "
+                f"{species.name!r} to its species {empathy.species!r}, or leave the matrix out.",
+            )
+            known = {need.name for s in (*others, species) for need in s.needs}
+            for name in empathy.needs:
+                require(name in known, f"{owner}: its empathy names the need {name!r}. {nearest(name, known)}")
+            felt = sum(s.slots for s in others)
             require(
                 empathy.lesion != "shuffled" or felt >= 3,
                 f"{owner}: shuffled partners need at least 3 to shuffle, got {felt}; use the lesion 'off' or 'sham'.",

@@ -262,7 +262,7 @@ def compile_eyes(species: tuple[Species, ...], arena: Arena, resources: tuple[Re
         open=not arena.walls or bool(polygon.convex_hull.area - polygon.area <= 1e-12 * polygon.area),
         wall_from=vertices,
         wall_along=np.roll(vertices, -1, axis=0) - vertices,
-        reach=np.array([r.radius for r in resources for _ in range(r.count)]),
+        reach=np.array([r.radius for r in resources for _ in range(r.count)], float),
     )
 
 

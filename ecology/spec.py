@@ -43,6 +43,11 @@ def _finite(owner: str, **numbers: float) -> None:
         )
 
 
+def _flags(owner: str, **flags: bool) -> None:
+    for name, value in flags.items():
+        require(isinstance(value, bool), f"{owner}: {name} must be True or False, got {value!r}.")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Season:
     """A sine of time that multiplies a decay or a growth: 1 + amplitude sin(2 pi t / period + phase)."""
@@ -53,7 +58,7 @@ class Season:
 
     def __post_init__(self) -> None:
         _finite("Season", amplitude=self.amplitude, period=self.period, phase=self.phase)
-        require(self.period > 0, f"Season: period must be positive, got {self.period!r}.")
+        require(self.period >= 1e-9, f"Season: period must be positive, at least 1e-9, got {self.period!r}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +87,7 @@ class Need:
     def __post_init__(self) -> None:
         owner = f"need {self.name!r}"
         _words(owner, self.name)
+        _flags(owner, proportional=self.proportional, lethal=self.lethal, regulated=self.regulated)
         _finite(
             owner,
             set_point=self.set_point,
@@ -219,7 +225,7 @@ def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Ac
 
 
 def go_to(resource: str, speed: float, **rest_of: object) -> Action:
-    """Return the walk to `resource`, open while it is seen, not yet reached, and there is some."""
+    """Return the walk to `resource`, open while it is seen and there is some, until one stands in a patch of it."""
     return Action(
         name=f"go_to_{resource}",
         kind="go_to",
@@ -295,7 +301,7 @@ class Oscillation:
     def __post_init__(self) -> None:
         require(len(self.to) == 2, f"Oscillation: to is (x, y), got {self.to!r}.")
         _finite("Oscillation", x=self.to[0], y=self.to[1], period=self.period, phase=self.phase)
-        require(self.period > 0, f"Oscillation: period must be positive, got {self.period!r}.")
+        require(self.period >= 1e-9, f"Oscillation: period must be positive, at least 1e-9, got {self.period!r}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,7 +329,8 @@ class Resource:
 
     Without further words it is unlimited, fixed and always available. A stock is counted in units
     of intake: what consuming adds to needs is what leaves the stock. Of several patches, each has its
-    own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen.
+    own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen
+    from where there is none.
     """
 
     name: str
@@ -415,6 +422,7 @@ class Arena:
     walls: bool = True
 
     def __post_init__(self) -> None:
+        _flags("arena", walls=self.walls)
         require(
             len(self.vertices) >= 3,
             f"arena: a closed arena needs at least 3 vertices, got {len(self.vertices)}.",
@@ -542,6 +550,8 @@ class Empathy:
             self.form == "sum" or 0 <= self.weight <= 1,
             f"Empathy: in the average form, weight is a share from 0 to 1, got {self.weight!r}.",
         )
+        for row in self.matrix or ():
+            _finite("Empathy", **{f"matrix[{j}]": w for j, w in enumerate(row)})
         require(self.within > 0, f"Empathy: within must be positive, got {self.within!r}.")
         require(
             self.lesion in ("none", "off", "sham", "shuffled"),
@@ -582,6 +592,10 @@ class Species:
 
     def __post_init__(self) -> None:
         owner = f"species {self.name!r}"
+        _flags(owner, solid=self.solid)
+        require(isinstance(self.learner, str), f"{owner}: learner is the name of one, got {self.learner!r}.")
+        if self.position is not None:
+            require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
         _words(owner, self.name)
         require(len(self.needs) > 0, f"{owner}: at least one need.")
         require(
@@ -594,6 +608,10 @@ class Species:
         )
         _finite(owner, arrival=self.arrival)
         require(self.arrival >= 0, f"{owner}: arrival must not be negative, got {self.arrival!r}.")
+        require(
+            self.arrival == 0 or self.slots > 0,
+            f"{owner}: newcomers arrive, but nobody has room; give a capacity above 0, got {self.capacity!r}.",
+        )
         _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon, **self.collapse)
         _finite(owner, drive_exponent=self.drive_exponent)
         if self.heading is not None:

@@ -24,8 +24,8 @@ SMALL = {"width": 16, "batch": 32, "batch_f": 32, "memory": 2000, "update_every"
 
 def build(
     n: int = 12,
-    growth: float = 0.0003,
-    capacity: float = 500.0,
+    growth: float = 0.0005,
+    capacity: float = 300.0,
     appetite: float = 0.05,
     decay: float = 0.01,
     walls: bool = False,

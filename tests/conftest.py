@@ -11,7 +11,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # many small arrays: threads only
 import numpy as np
 import pytest
 
-from ecology import Arena, Ecology, Need, Resource, Scenario, Species, Tick, consume, go_to, move, rest, turn
+from ecology import Arena, Ecology, Need, Resource, Scenario, Species, Tick, consume, contract, go_to, move, rest, turn
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Know how to renew golden trajectories."""
+    parser.addoption("--golden", action="store_true", help="write golden trajectories that are missing or have changed")
 
 
 @pytest.fixture
@@ -75,12 +80,4 @@ def act(index: Callable[..., int]) -> Callable[..., Tick]:
 @pytest.fixture
 def random_actions() -> Callable[..., np.ndarray]:
     """Return a chooser of one action per slot, open in its mask, or any (`open_only` False)."""
-
-    def choose(env: Ecology, tick: Tick, rng: np.random.Generator, *, open_only: bool = True) -> np.ndarray:
-        wanted = np.zeros(env.size, np.int64)
-        for group in env.groups.values():
-            mask = tick.masks[group.name] if open_only else np.ones((group.size, len(group.actions)), bool)
-            wanted[group.slots] = np.argmax(rng.random(mask.shape) * mask, axis=1)
-        return wanted
-
-    return choose
+    return contract.choose

@@ -72,6 +72,9 @@ def test_a_new_scenario_runs(ecology: Command, short: Command, tmp_path: Path) -
     assert (code, err) == (0, "")
     assert str(Path("runs/my_world-0")) in out
     Path("my_world.py").write_text(text + "\n# mine\n")
+    code, out, _ = ecology("check", "my_world.py", "--ticks", "60")
+    assert code == 0
+    assert out.count("pass  ") == out.count("\n") - 1
     code, _, err = ecology("new", "my_world")
     assert code == 2
     assert "my_world.py" in err
@@ -79,6 +82,32 @@ def test_a_new_scenario_runs(ecology: Command, short: Command, tmp_path: Path) -
     code, _, err = ecology("new", "my-world")
     assert code == 2
     assert "'my-world'" in err
+
+
+def test_check_says_what_is_broken(ecology: Command) -> None:
+    """A scenario that breaks the contract is told point by point, with reasons, and the exit code is 1."""
+    rule = """
+count = [0]
+
+
+def rule(world, rng):
+    count[0] += 1
+    outcome = world.nothing()
+    outcome.received[:] = count[0] / 1000
+    return outcome
+"""
+    ecology("new", "mine")
+    text = Path("mine.py").read_text()
+    Path("mine.py").write_text(
+        text.replace("\n\ndef build", rule + "\n\ndef build").replace("dt=dt, t", "rule=rule, dt=dt, t")
+    )
+    code, out, err = ecology("check", "mine.py", "--ticks", "30")
+    assert code == 1
+    assert "FAIL  the same seed gives the same life\n      tick 1: with the same seed" in out
+    assert "pass  every account closes" in out
+    assert err == "mine.py breaks the contract in 3 of 12 points.\n"
+    code, _, err = ecology("check", "papper")
+    assert (code, "Did you mean 'paper'" in err) == (2, True)
 
 
 def test_settings_go_to_the_scenario_and_to_learners(ecology: Command) -> None:
@@ -118,6 +147,10 @@ BAD = {
     "device": (["paper", "--device", "gpu"], "'gpu'"),
     "device of no use": (["paper", "--device", "cuda"], "no learner computes elsewhere"),
     "need named like a number that its mind reports": (["clash.py", "--learner", "hjb"], "'epsilon'"),
+    "setting of --record": (["paper", "--record", "often=3"], "'often'"),
+    "value of --record": (["paper", "--record", "every=x"], "every=x"),
+    "detail of --record": (["paper", "--record", "detail=most"], "'most'"),
+    "focus": (["paper", "--focus", "wolf_3", "--record", "every=5"], "'wolf_3'"),
     "viewer's address": (["paper", "--connect", "nowhere"], "'nowhere'"),
     "config": (["paper", "--config", "nowhere.toml"], "nowhere.toml"),
 }

@@ -1,166 +1,204 @@
-"""The contract that every scenario in the folder keeps; a new file is found by itself."""
+"""The contract that every scenario in the folder keeps, a new file being found by itself; and that it can be broken."""
+
+import dataclasses
 
 import numpy as np
 import pytest
-from pettingzoo.test import parallel_api_test
+from worlds import everything, kind, square
 
 import ecology
 import scenarios
+from ecology import Ecology, EcologyError, contract, life, senses
+from ecology.physics import Physics
 
-TICKS = 400
-
-
-@pytest.fixture(params=scenarios.names())
-def scenario(request):
-    """Return every scenario in turn, with its default settings."""
-    return scenarios.load(request.param)
-
-
-@pytest.fixture
-def env(scenario):
-    """Return the world of every scenario in turn."""
-    return ecology.parallel_env(scenario)
+AGENT_TICKS = 4000  # of each life, but at least 60 ticks
+CROWDS = {
+    "everything": everything(),
+    "everything without walls": everything(walls=False),
+    "everything in small ticks": everything(dt=0.1),
+    "everything in large ticks": everything(walls=False, dt=10.0),
+}
 
 
-def by_name(env, tick, actions):
-    """Return the actions of the living by their names."""
-    return {env.name_of(slot): int(actions[slot]) for slot in np.flatnonzero(tick.alive)}
+def load(name):
+    """Return a scenario that ships, or one of the crowds."""
+    return CROWDS.get(name) or scenarios.load(name)
 
 
-def test_pettingzoo_accepts_it(scenario):
-    """PettingZoo's own parallel_api_test passes, with and without a horizon."""
-    parallel_api_test(ecology.parallel_env(scenario), num_cycles=150)
-    parallel_api_test(ecology.parallel_env(scenario, horizon=20), num_cycles=50)
+@pytest.mark.parametrize("holds", contract.CHECKS)
+@pytest.mark.parametrize("name", [*scenarios.names(), *CROWDS])
+def test_the_contract_is_kept(name, holds):
+    """Every scenario, and a world in which everything happens, passes every check."""
+    scenario = load(name)
+    size = sum(species.slots for species in scenario.species)
+    contract.CHECKS[holds](scenario, max(60, min(300, AGENT_TICKS // size)))
 
 
-def test_it_is_named_as_its_file_and_says_what_it_is(scenario):
+@pytest.mark.parametrize("name", scenarios.names())
+def test_it_is_named_as_its_file_and_says_what_it_is(name):
     """A scenario bears the name of its file, keeps its settings, and its file begins with a sentence."""
-    assert scenario.name in scenarios.names()
-    assert dict(scenario.settings) == scenarios.settings(scenario.name)
-    assert scenarios.module(scenario.name).__doc__.strip()
+    scenario = scenarios.load(name)
+    assert scenario.name == name
+    assert dict(scenario.settings) == scenarios.settings(name)
+    assert scenarios.module(name).__doc__.strip()
 
 
-def test_observations_lie_in_their_space(env):
-    """What an agent perceives is finite and inside its observation space, whatever it asks for."""
-    rng = np.random.default_rng(1)
-    env.reset(seed=1)
-    for _ in range(TICKS):
-        living = {name: int(rng.integers(env.action_space(name).n)) for name in env.agents}
-        observations, rewards, *_ = env.step(living)
-        for name in living:
-            seen, space = observations[name], env.observation_space(name)
-            assert np.isfinite(seen["observation"]).all()
-            assert np.isfinite(rewards[name])
-            assert space.contains(seen), (name, seen, space)
-        if not env.agents:
-            break
-
-
-def test_the_mask_is_honoured(env, random_actions):
-    """What is executed was open; a closed action becomes rest, or what is open without it, and is counted."""
-    rng = np.random.default_rng(2)
-    tick = env.reset_arrays(seed=2)
-    asked_closed, something_closes = np.zeros(env.size, np.int64), False
-    for _ in range(TICKS):
-        before, alive = {name: mask.copy() for name, mask in tick.masks.items()}, tick.alive.copy()
-        wanted = random_actions(env, tick, rng, open_only=rng.random() < 0.5)
-        tick = env.step_arrays(wanted)
-        for group in env.groups.values():
-            rest = group.kinds.index("rest")
-            for row in np.flatnonzero(alive[group.slots]):
-                slot, mask = group.slots.start + row, before[group.name][row]
-                something_closes |= not mask.all()
-                assert mask.any()
-                assert mask[tick.action[slot]]
-                if mask[wanted[slot]]:
-                    assert tick.action[slot] == wanted[slot]
-                elif mask[rest]:
-                    assert tick.action[slot] == rest
-                assert tick.closed[slot] == (not mask[wanted[slot]])
-                asked_closed[slot] += tick.closed[slot]
-    assert (asked_closed.sum() > 0) == something_closes
-    assert np.array_equal(env.state_view.closed, asked_closed)
-
-
-def test_infos_report_closed_actions_and_masks(env):
-    """`infos` holds the mask, the drive and whether the last action was closed."""
-    observations, infos = env.reset(seed=3)
-    for name in env.agents:
-        assert infos[name]["closed"] is False
-        assert np.array_equal(infos[name]["action_mask"], observations[name]["action_mask"])
-    # a closed action, where there is one: a consumption far from its resource
-    wanted = {name: int(np.argmin(infos[name]["action_mask"])) for name in env.agents}
-    closed = {name: not infos[name]["action_mask"][wanted[name]] for name in env.agents}
-    *_, after = env.step(wanted)
-    assert {name: after[name]["closed"] for name in wanted} == closed
-    for slot, name in enumerate(wanted):
-        assert after[name]["drive"] == env.state_view.drive[slot]
-
-
-def test_dicts_and_arrays_give_one_trajectory(scenario, random_actions):
-    """Stepping with dicts and stepping with arrays is the same world, number for number."""
-    of_dicts, of_arrays = ecology.parallel_env(scenario), ecology.parallel_env(scenario)
-    rng = np.random.default_rng(4)
-    observations, _ = of_dicts.reset(seed=4)
-    tick = of_arrays.reset_arrays(seed=4)
-    for _ in range(TICKS):
-        actions = random_actions(of_arrays, tick, rng, open_only=False)
-        living = by_name(of_arrays, tick, actions)
-        assert set(living) == set(of_dicts.agents)
-        tick = of_arrays.step_arrays(actions)
-        observations, rewards, terminations, truncations, infos = of_dicts.step(living)
-        assert not any(truncations.values())
-        for group in of_arrays.groups.values():
-            for row in range(group.size):
-                slot = group.slots.start + row
-                name = of_arrays.name_of(slot)
-                if name not in observations:
-                    continue
-                assert np.array_equal(observations[name]["observation"], tick.observations[group.name][row])
-                assert np.array_equal(observations[name]["action_mask"], tick.masks[group.name][row])
-                assert np.array_equal(infos[name]["action_mask"], tick.masks[group.name][row])
-                assert rewards[name] == tick.reward[slot]
-                assert terminations[name] == (not tick.alive[slot])
-        if not of_dicts.agents:
-            break
-    for name, values in of_dicts.state_view.arrays().items():
-        assert np.array_equal(values, of_arrays.state_view.arrays()[name]), name
-
-
-def test_what_was_handed_out_stays_as_it_was(env, random_actions):
-    """Later ticks do not write into observations, masks, rewards and drives handed out before."""
-    rng = np.random.default_rng(5)
-    tick = env.reset_arrays(seed=5)
-    kept = []
-    for _ in range(20):
-        parts = {
-            "reward": tick.reward,
-            "drive": tick.drive,
-            "alive": tick.alive,
-            "closed": tick.closed,
-            "action": tick.action,
-            **{f"observations {name}": values for name, values in tick.observations.items()},
-            **{f"masks {name}": values for name, values in tick.masks.items()},
-        }
-        kept.append([(name, values, values.copy()) for name, values in parts.items()])
-        tick = env.step_arrays(random_actions(env, tick, rng))
-    for parts in kept:
-        for name, values, as_handed_out in parts:
-            assert np.array_equal(values, as_handed_out), name
-
-
-def test_the_state_cannot_be_written(env):
+def test_the_state_cannot_be_written():
     """The state shown to watchers refuses to be written."""
+    env = ecology.parallel_env(everything())
     env.reset_arrays(seed=0)
-    with pytest.raises(ValueError, match="read-only"):
-        env.state_view.position[0] = 0.0
+    for values in env.state_view.arrays().values():
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0
 
 
-def test_a_horizon_truncates_everyone(scenario):
-    """After `horizon` ticks every agent left is truncated and none remains."""
-    env = ecology.parallel_env(scenario, horizon=3)
-    env.reset(seed=0)
-    for left in (2, 1, 0):
-        *_, truncations, _ = env.step(dict.fromkeys(env.agents, 0))
-        assert all(over == (left == 0) for over in truncations.values())
-    assert env.agents == []
+# ---- a check that cannot fail is none ----------------------------------------------------------
+
+
+def counting_rule():
+    """Return a rule that keeps a count of its own from tick to tick, and feeds by it."""
+    count = [0]
+
+    def rule(world, rng):
+        count[0] += 1
+        outcome = world.nothing()
+        outcome.received[:] = 0.001 * count[0]
+        return outcome
+
+    return rule
+
+
+def unseeded_rule(world, rng):
+    """Draw from elsewhere than the generator."""
+    outcome = world.nothing()
+    outcome.received[:] = np.random.default_rng().random()
+    return outcome
+
+
+@pytest.mark.parametrize("rule", [counting_rule(), unseeded_rule])
+def test_a_rule_that_is_not_pure_is_found(rule):
+    """A rule with a memory or with chance of its own breaks exactly what rests on the seed."""
+    scenario = square(kind(count=3), rule=rule)
+    broken = {holds: reason for holds, reason in contract.check(scenario, 40) if reason}
+    assert set(broken) == {
+        "dicts and arrays give one trajectory, births and deaths included",
+        "the same seed gives the same life",
+        "a snapshot lives on bit for bit",
+    }
+    assert "does a rule keep something from tick to tick" in broken["the same seed gives the same life"]
+
+
+def test_what_a_rule_raises_is_told():
+    """An error of the scenario's own code is the reason, with its kind, and the other checks go on."""
+
+    def rule(world, rng):
+        raise KeyError("fod")
+
+    found = list(contract.check(square(kind(), rule=rule), 5))
+    assert [holds for holds, _ in found] == list(contract.CHECKS)
+    assert {reason for _, reason in found} == {"KeyError: 'fod'"}
+
+
+def damaged(name, change):
+    """Return a method `name` of the world whose result goes through `change`."""
+    whole = getattr(Ecology, name)
+
+    def method(self, *arguments, **words):
+        return change(whole(self, *arguments, **words))
+
+    return Ecology, name, method
+
+
+def without_one(five):
+    """Return the five dicts without an observation."""
+    observations, *others = five
+    return (dict(list(observations.items())[1:]), *others)
+
+
+def never_over(five):
+    """Return the five dicts with nobody truncated."""
+    return (*five[:3], dict.fromkeys(five[3], False), five[4])
+
+
+def other_rewards(five):
+    """Return the five dicts with rewards a little larger."""
+    return (five[0], {name: reward + 1e-9 for name, reward in five[1].items()}, *five[2:])
+
+
+def other_drives(five):
+    """Return the five dicts with other drives in the infos."""
+    return (*five[:4], {name: info | {"drive": 0.0} for name, info in five[4].items()})
+
+
+def first_action(tick):
+    """Return a tick that tells of other actions than were done."""
+    return dataclasses.replace(tick, action=tick.action * 0 + 1)
+
+
+def kept_and_written():
+    """Return a change that writes into the reward of the tick before."""
+    last = []
+
+    def change(tick):
+        if last:
+            last[-1].reward[:] = 7.0
+        last.append(tick)
+        return tick
+
+    return change
+
+
+def returning_names():
+    """Return a method that gives newborns a serial that was there before."""
+    whole = Ecology._settle
+
+    def method(self, new, place, heading):
+        whole(self, new, place, heading)
+        self._state.serial[new] = 0
+
+    return Ecology, "_settle", method
+
+
+def far_off(zeta):
+    """Return observations outside of their space."""
+    zeta[:, 0] = 1e6
+    return zeta
+
+
+SABOTAGE = {
+    "PettingZoo's own test passes": lambda: damaged("step", without_one),
+    "observations and rewards are finite, observations inside their space": lambda: (
+        senses,
+        "observe",
+        lambda *arguments, whole=senses.observe: far_off(whole(*arguments)),
+    ),
+    "the action mask is honoured": lambda: damaged("step_arrays", first_action),
+    "infos repeat mask, drive and closed actions": lambda: damaged("step", other_drives),
+    "dicts and arrays give one trajectory, births and deaths included": lambda: damaged("step", other_rewards),
+    "a horizon truncates everyone": lambda: damaged("step", never_over),
+    "what was handed out stays as it was": lambda: damaged("step_arrays", kept_and_written()),
+    "the same seed gives the same life": lambda: (
+        life,
+        "beside",
+        lambda arena, walls, position, radius, rng: position + np.random.default_rng().normal(size=position.shape) / 99,
+    ),
+    "a snapshot lives on bit for bit": lambda: damaged(
+        "snapshot", lambda it: (it[0] | {"hold": it[0]["hold"] * 0}, it[1])
+    ),
+    "nobody leaves the arena": lambda: (
+        Physics,
+        "move",
+        lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
+    ),
+    "every account closes": lambda: damaged("_eat", lambda it: (*it[:-1], it[-1] * 0.9)),
+    "names never return": returning_names,
+}
+
+
+@pytest.mark.parametrize("holds", contract.CHECKS)
+def test_every_check_can_fail(holds, monkeypatch):
+    """A world that is damaged in the right place breaks the check, with a reason."""
+    monkeypatch.setattr(*SABOTAGE[holds]())
+    with pytest.raises((EcologyError, AssertionError, UserWarning, KeyError)) as broken:
+        contract.CHECKS[holds](everything(), 80)
+    assert str(broken.value)

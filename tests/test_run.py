@@ -76,6 +76,17 @@ def crowd(tmp_path: Path) -> Callable[..., Run]:
     return make
 
 
+def test_births_are_counted_where_there_is_room_for_more(tmp_path: Path) -> None:
+    """The summary counts the born, whatever the number of slots; slots that were never taken are no births."""
+    text = CROWD.replace("count=12", "count=3, capacity=12, birth=Birth(rate=0.01)").replace("Arena,", "Arena, Birth,")
+    (tmp_path / "growing.py").write_text(text)
+    run = Run(resolve(str(tmp_path / "growing.py"), learners=["random"], ticks=100, record=False), tmp_path / "out")
+    run.start()
+    summary = run.live()
+    assert summary["births"] - summary["deaths"] == run.tick.alive.sum() - 3
+    assert summary["births"] > 0
+
+
 def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
     """Config, summary, metrics, recording and checkpoint are written, and nothing else."""
     out = tmp_path / "mine"

@@ -1,5 +1,6 @@
 """What is seen and reached: view field, walls, and the go_to that depends on them."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,7 +9,7 @@ import shapely
 
 import ecology
 import scenarios
-from ecology import senses
+from ecology import Need, senses
 from scenarios.paper import ARENA, PLACES, WALK_UP_TO
 
 
@@ -178,6 +179,25 @@ def test_go_to_carries_on_until_it_arrives(act, index):
     assert env.state_view.bound_for[0] == -1
     assert "go_to_food_2" not in open_actions(env, tick)
     assert "consume_food_2" in open_actions(env, tick)
+
+
+def test_who_stands_in_a_patch_has_arrived(room, act):
+    """Among patches that are all seen, go_to ends in the first one and stays closed until that one is empty."""
+    plain = room()
+    grass = dataclasses.replace(plain.resources[0], count=8, position=None, stock=0.2)
+    agent = dataclasses.replace(plain.species[0], needs=(Need(name="food", set_point=2.0, start=1.0),))
+    env = ecology.parallel_env(dataclasses.replace(plain, resources=(grass,), species=(agent,)))
+    env.reset_arrays(seed=0)
+    env.put(position=env.state_view.resource_position[:1] + np.array([[0.45, 0.0]]))
+    assert env.state_view.seen.all()
+    for _ in range(2):  # to the circle of radius 0.3
+        tick = act(env, "go_to_berries")
+    (patch,) = np.flatnonzero(env.state_view.inside[0])
+    assert "go_to_berries" not in open_actions(env, tick)
+    tick = act(env, "consume_berries", 2)
+    assert env.state_view.stock[patch] == 0.0
+    assert "go_to_berries" in open_actions(env, tick)
+    assert "consume_berries" not in open_actions(env, tick)
 
 
 def test_a_free_go_to_may_be_left_at_any_tick(act):

@@ -1,0 +1,765 @@
+"""Compiled kernels of the f/J learner: scores, losses, gradients and Adam, one agent after another.
+
+Every agent's weights lie in one row, and all that an update needs of them is done while the row is in
+the cache. An agent's numbers depend on no other's, so any split of the agents over threads gives
+the same result. Gradients are written out by hand; the tests hold them to automatic ones.
+
+Shapes: n agents, b states, D components of zeta, M movements, I inputs, H hidden units, C place cells.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+import scipy.linalg  # noqa: F401  (np.dot calls its BLAS: to be loaded before threads are limited)
+
+F = np.float32
+ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)
+BIAS, LOG2E, LN2_HIGH, LN2_LOW = F(127), F(1.44269504), F(0.693359375), F(-2.12194440e-4)
+E6, E5, E4 = F(1.9875691500e-4), F(1.3981999507e-3), F(8.3334519073e-3)  # exp, after Cephes' expf
+E3, E2, E1 = F(4.1665795894e-2), F(1.6666665459e-1), F(5.0000001201e-1)
+BETA1, BETA2, TINY = F(0.9), F(0.999), F(1e-8)  # of Adam
+POLYAK = F(0.1)  # share by which the target network follows J per update
+FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps denormal numbers out
+FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
+LONGEST = F(300.0)  # units of time, of a predicted duration
+
+FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
+# no assumption about NaN or infinity: what diverges must be seen
+compiled = numba.njit(fastmath={"reassoc", "contract", "arcp", "nsz"}, **FLAGS)
+exactly = numba.njit(fastmath={"contract"}, **FLAGS)  # additions in the order in which they are written
+
+
+class Senses(NamedTuple):
+    """What all agents of one learner share: how zeta becomes inputs and drive, and the equation's constants."""
+
+    centre: np.ndarray  # (D,)
+    inverse: np.ndarray  # (D,) 1 / scale
+    scale: np.ndarray  # (D,)
+    low: np.ndarray  # (D,)
+    high: np.ndarray  # (D,)
+    unit: np.ndarray  # (D + 1,) of f's outputs
+    plain: np.ndarray  # int, components that are inputs as they are
+    angle: np.ndarray  # int, components that are inputs by cosine and sine
+    place: np.ndarray  # int (2,)
+    need: np.ndarray  # bool (D,)
+    deprivable: np.ndarray  # int, needs that can be deprived
+    mix_from: np.ndarray  # int: |zeta mix|^2 of the drive, entry by entry
+    mix_to: np.ndarray
+    mix_weight: np.ndarray
+    felt: np.ndarray  # (D,)
+    epsilon: np.float32  # of the drive
+    exponent: np.float32
+    sharp: np.float32  # 1 / width^2 of a place cell
+    log_gamma: np.float32
+    dt: np.float32
+    centre_j: np.float32  # Jn = centre_j + spread_j x output
+    spread_j: np.float32
+    ceiling: np.float32  # of targets of Jn
+    weight_top: np.float32  # of the relative loss weight, 0: none
+    weight_floor: np.float32
+    deprived: np.float32  # imagined deviations lie between these, times the scale
+    sated: np.float32
+    width: int  # H
+    movements: int  # M
+    finite: bool  # the score over a whole movement
+    minimum: bool  # the min in L_J
+
+
+class Brains(NamedTuple):
+    """What the n agents have become: a row of weights each."""
+
+    f: np.ndarray  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M (D + 1), H), b3
+    f_first: np.ndarray  # Adam's moments
+    f_second: np.ndarray
+    f_steps: np.ndarray  # int (n,)
+    J: np.ndarray  # (n, Q) the same with one output
+    J_first: np.ndarray
+    J_second: np.ndarray
+    J_steps: np.ndarray
+    target: np.ndarray  # (n, Q) J itself without a target network
+    cell_centre: np.ndarray  # (n, 2, C)
+    cell_count: np.ndarray  # int (n,)
+
+
+class Ring(NamedTuple):
+    """The memory of decisions, see `agents.memory`."""
+
+    zeta: np.ndarray
+    after: np.ndarray
+    duration: np.ndarray
+    movement: np.ndarray
+    open: np.ndarray
+    lived: np.ndarray  # (n,) decisions so far
+
+
+class Draws(NamedTuple):
+    """How a batch is drawn, and the random numbers for it."""
+
+    uniform: np.ndarray  # (n, >= batch + batch_f + m D + m + m // 2)
+    normal: np.ndarray  # (n, m // 2, D)
+    batch: int
+    batch_f: int
+    recent: int
+    late: int  # of the batch on J, those from the `recent` decisions
+    late_f: int
+    imagined: int  # m, of the batch on J, those whose needs are redrawn
+
+
+class Room(NamedTuple):
+    """Room to work in, for one agent at a time."""
+
+    inputs: np.ndarray  # flat
+    first: np.ndarray
+    second: np.ndarray
+    third: np.ndarray
+    fourth: np.ndarray
+    outputs: np.ndarray
+    ahead: np.ndarray  # (R, D) states predicted
+    keep: np.ndarray  # (R,) gamma^tau
+    which: np.ndarray  # int (R,)
+    own: np.ndarray  # (D,)
+    slope: np.ndarray  # (b, D)
+
+
+@exactly
+def exp32(x):
+    """Return e^x for x > -87 within 3e-7 of itself, in instructions that vectorise."""
+    biased = np.int32(x * LOG2E + HALF + BIAS)  # the exponent of the result, as float32 holds it
+    n = F(biased) - BIAS
+    r = x - n * LN2_HIGH - n * LN2_LOW
+    p = (((((E6 * r + E5) * r + E4) * r + E3) * r + E2) * r + E1) * r * r + r + ONE
+    return p * np.int32(biased << np.int32(23)).view(F)
+
+
+@compiled
+def sigmoid(x):
+    """Return 1 / (1 + e^-x)."""
+    return ONE / (ONE + exp32(min(max(-x, F(-80)), F(80))))
+
+
+@compiled
+def shaped(flat, rows, columns):
+    """Return the beginning of a flat array as (rows, columns)."""
+    return flat[: rows * columns].reshape(rows, columns)
+
+
+@compiled
+def layers(row, inputs, width):
+    """Return w1, b1, w2, b2, w3, b3 as views of one agent's weights."""
+    a = inputs * width
+    b = a + width
+    c = b + width * width
+    d = c + width
+    outputs = (len(row) - d) // (width + 1)
+    e = d + outputs * width
+    return (
+        row[:a].reshape(inputs, width),
+        row[a:b],
+        row[b:c].reshape(width, width),
+        row[c:d],
+        row[d:e].reshape(outputs, width),
+        row[e:],
+    )
+
+
+@compiled
+def features(s, zeta, centres, x):
+    """Fill the network inputs x (b, k) of zeta (b, D): plain, cosine and sine, place cells."""
+    base = len(s.plain) + 2 * len(s.angle)
+    cells = x.shape[1] - base
+    for r in range(len(x)):
+        row = x[r]
+        at = 0
+        for p in s.plain:
+            row[at] = (zeta[r, p] - s.centre[p]) * s.inverse[p]
+            at += 1
+        for p in s.angle:
+            row[at] = math.cos(zeta[r, p])
+            row[at + len(s.angle)] = math.sin(zeta[r, p])
+            at += 1
+        if cells:
+            here_x, here_y, sharp = zeta[r, s.place[0]], zeta[r, s.place[1]], s.sharp * HALF
+            bumps, centre_x, centre_y = row[base:], centres[0], centres[1]
+            for c in range(cells):
+                gap_x, gap_y = here_x - centre_x[c], here_y - centre_y[c]
+                bumps[c] = exp32(max(-sharp * (gap_x * gap_x + gap_y * gap_y), FAR))
+
+
+@compiled
+def drive(s, zeta, own):
+    """Return d(zeta) for one zeta (D,); `own` (D,) is room to work in."""
+    own[:] = ZERO
+    for e in range(len(s.mix_from)):
+        own[s.mix_to[e]] += s.mix_weight[e] * zeta[s.mix_from[e]]
+    total, felt = s.epsilon, ZERO
+    for v in range(len(own)):
+        total += own[v] * own[v]
+        felt += s.felt[v] * zeta[v]
+    return (math.sqrt(total) if s.exponent == ONE else total ** (s.exponent * HALF)) + felt
+
+
+@compiled
+def output(row, w, b):
+    """Return w . row + b, a single output."""
+    total = b
+    for h in range(len(row)):
+        total += w[h] * row[h]
+    return total
+
+
+@compiled
+def product(x, w, out):
+    """Fill out (b, H) with x (b, k) times w (k, H)."""
+    if len(x) > FEW:
+        np.dot(x, w, out)
+        return
+    for r in range(len(x)):
+        row = out[r]
+        row[:] = ZERO
+        for k in range(len(w)):
+            factor, weights = x[r, k], w[k]
+            for h in range(len(row)):
+                row[h] += factor * weights[h]
+
+
+@compiled
+def product_back(g, w, out):
+    """Fill out (b, k) with g (b, H) times the transpose of w (k, H)."""
+    if len(g) > FEW:
+        np.dot(g, w.T, out)
+        return
+    for r in range(len(g)):
+        for k in range(len(w)):
+            out[r, k] = output(g[r], w[k], ZERO)
+
+
+@compiled
+def product_across(x, g, out):
+    """Fill out (k, H) with the transpose of x (b, k) times g (b, H)."""
+    if len(x) > FEW:
+        np.dot(x.T, g, out)
+        return
+    for k in range(len(out)):
+        row = out[k]
+        row[:] = ZERO
+        for r in range(len(x)):
+            factor, up = x[r, k], g[r]
+            for h in range(len(row)):
+                row[h] += factor * up[h]
+
+
+@compiled
+def relu_layer(x, w, b, out):
+    """Fill out (b, H) with max(x w + b, 0)."""
+    product(x, w, out)
+    for r in range(len(out)):
+        row = out[r]
+        for h in range(len(row)):
+            row[h] = max(row[h] + b[h], ZERO)
+
+
+@compiled
+def silu_layer(x, w, b, out):
+    """Fill out (b, H) with silu(x w + b)."""
+    product(x, w, out)
+    for r in range(len(out)):
+        row = out[r]
+        for h in range(len(row)):
+            z = row[h] + b[h]
+            row[h] = z * sigmoid(z)
+
+
+@compiled
+def scores(s, zeta, open_, f_row, j_row, centres, cells, room, out):
+    """Fill out (b, M) with the HJB score of the open movements, drive units; infinity for the others.
+
+    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'); or d + dJ/dzeta . f.
+    """
+    base, width, parts = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1]
+    k = base + cells
+    inputs = base + centres.shape[1]
+    w1, b1, w2, b2, w3, b3 = layers(f_row, inputs, width)
+    rows = len(zeta)
+    if not s.finite:
+        slopes(s, zeta, j_row, centres, cells, room)
+    x = shaped(room.inputs, rows, k)
+    features(s, zeta, centres, x)
+    hidden, hidden2 = shaped(room.first, rows, width), shaped(room.second, rows, width)
+    relu_layer(x, w1[:k], b1, hidden)
+    relu_layer(hidden, w2, b2, hidden2)
+    raw = shaped(room.outputs, rows, len(w3))
+    if rows > FEW:  # else only what is open, below
+        np.dot(hidden2, w3.T, raw)
+    count = 0
+    for r in range(rows):
+        d = drive(s, zeta[r], room.own)
+        for m in range(s.movements):
+            out[r, m] = np.inf
+            if not open_[r, m]:
+                continue
+            o = m * (parts + 1)
+            if rows <= FEW:
+                for v in range(o, o + parts + 1):
+                    raw[r, v] = output(hidden2[r], w3[v], ZERO)
+            tau = (raw[r, o + parts] + b3[o + parts]) * s.unit[parts]
+            tau = min(max(tau, s.dt), LONGEST)
+            ahead = room.ahead[count]
+            if s.finite:
+                for v in range(parts):
+                    change = (raw[r, o + v] + b3[o + v]) * s.unit[v]
+                    ahead[v] = min(max(zeta[r, v] + change, s.low[v]), s.high[v])
+                keep = math.exp(tau * s.log_gamma)
+                out[r, m] = (ONE - keep) * HALF * (d + drive(s, ahead, room.own))
+                room.keep[count] = keep
+                room.which[count] = r * s.movements + m
+                count += 1
+            else:
+                climb = ZERO
+                for v in range(parts):
+                    rate = (raw[r, o + v] + b3[o + v]) * s.unit[v] / tau
+                    ahead[v] = zeta[r, v] + rate * s.dt
+                    climb += room.slope[r, v] * rate
+                out[r, m] = drive(s, ahead, room.own) - climb / s.log_gamma
+    if count:
+        deviations(s, room.ahead[:count], j_row, centres, cells, room)
+        flat = out.ravel()
+        for r in range(count):
+            flat[room.which[r]] += room.keep[r] * room.outputs[r]
+
+
+@compiled
+def deviations(s, zeta, j_row, centres, cells, room):
+    """Leave Jn of zeta (b, D), drive units, in room.outputs."""
+    base, rows = len(s.plain) + 2 * len(s.angle), len(zeta)
+    k = base + cells
+    w1, b1, w2, b2, w3, b3 = layers(j_row, base + centres.shape[1], s.width)
+    x = shaped(room.inputs, rows, k)
+    features(s, zeta, centres, x)
+    hidden, hidden2 = shaped(room.first, rows, s.width), shaped(room.second, rows, s.width)
+    silu_layer(x, w1[:k], b1, hidden)
+    silu_layer(hidden, w2, b2, hidden2)
+    for r in range(rows):
+        room.outputs[r] = s.centre_j + s.spread_j * output(hidden2[r], w3[0], b3[0])
+
+
+@compiled
+def slopes(s, zeta, j_row, centres, cells, room):
+    """Leave dJn/dzeta of zeta (b, D) in room.slope."""
+    base, rows, width = len(s.plain) + 2 * len(s.angle), len(zeta), s.width
+    k = base + cells
+    w1, b1, w2, b2, w3, _ = layers(j_row, base + centres.shape[1], width)
+    x = shaped(room.inputs, rows, k)
+    features(s, zeta, centres, x)
+    z1, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
+    z2, back = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
+    product(x, w1[:k], z1)
+    for r in range(rows):
+        for h in range(width):
+            z1[r, h] += b1[h]
+            h1[r, h] = z1[r, h] * sigmoid(z1[r, h])
+    product(h1, w2, z2)
+    for r in range(rows):
+        for h in range(width):
+            z = z2[r, h] + b2[h]
+            g = sigmoid(z)
+            z2[r, h] = s.spread_j * w3[0, h] * g * (ONE + z * (ONE - g))
+    product_back(z2, w2, back)
+    for r in range(rows):
+        for h in range(width):
+            z = z1[r, h]
+            g = sigmoid(z)
+            back[r, h] *= g * (ONE + z * (ONE - g))
+    towards = shaped(room.inputs, 2 * rows, k)[rows:]
+    product_back(back, w1[:k], towards)
+    for r in range(rows):
+        row = room.slope[r]
+        row[:] = ZERO
+        at = 0
+        for p in s.plain:
+            row[p] = towards[r, at] * s.inverse[p]
+            at += 1
+        for p in s.angle:
+            row[p] = math.cos(zeta[r, p]) * towards[r, at + len(s.angle)] - math.sin(zeta[r, p]) * towards[r, at]
+            at += 1
+        for c in range(cells):
+            pull = towards[r, base + c] * x[r, base + c] * s.sharp
+            row[s.place[0]] += pull * (centres[0, c] - zeta[r, s.place[0]])
+            row[s.place[1]] += pull * (centres[1, c] - zeta[r, s.place[1]])
+
+
+@compiled
+def tangents(s, zeta, x, rate, centres, tangent):
+    """Fill tangent (b, k): how the inputs x change per unit of time when zeta changes at `rate` (b, D)."""
+    base = len(s.plain) + 2 * len(s.angle)
+    for r in range(len(x)):
+        at = 0
+        for p in s.plain:
+            tangent[r, at] = rate[r, p] * s.inverse[p]
+            at += 1
+        for p in s.angle:
+            tangent[r, at] = -math.sin(zeta[r, p]) * rate[r, p]
+            tangent[r, at + len(s.angle)] = math.cos(zeta[r, p]) * rate[r, p]
+            at += 1
+        for c in range(x.shape[1] - base):
+            gap_x, gap_y = centres[0, c] - zeta[r, s.place[0]], centres[1, c] - zeta[r, s.place[1]]
+            nearing = gap_x * rate[r, s.place[0]] + gap_y * rate[r, s.place[1]]
+            tangent[r, base + c] = x[r, base + c] * s.sharp * nearing
+
+
+@compiled
+def adam(w, g, m, v, start, stop, size, floor):
+    """Move the weights from `start` to `stop` by one step of Adam (Kingma and Ba 2015)."""
+    w, g, m, v = w[start:stop], g[start:stop], m[start:stop], v[start:stop]
+    for i in range(len(w)):
+        first = m[i] + (ONE - BETA1) * (g[i] - m[i])
+        second = BETA2 * v[i] + (ONE - BETA2) * g[i] * g[i]
+        m[i], v[i] = first, second
+        w[i] -= size * first / (math.sqrt(second) + floor)
+
+
+@compiled
+def step(w, g, m, v, steps, rate, silent, inputs_end):
+    """Take one step for one agent; weights from `silent` to `inputs_end`, of cells not in use, have no gradient."""
+    correction = math.sqrt(1.0 - 0.999**steps)
+    size, floor = F(rate * correction / (1.0 - 0.9**steps)), F(1e-8 * correction)
+    adam(w, g, m, v, 0, silent, size, floor)
+    adam(w, g, m, v, inputs_end, len(w), size, floor)
+
+
+@compiled
+def sum_rows(g, out):
+    """Fill out (H,) with the sum over the rows of g (b, H)."""
+    out[:] = ZERO
+    for r in range(len(g)):
+        for h in range(len(out)):
+            out[h] += g[r, h]
+
+
+@compiled
+def positions(count, capacity, uniform, late, recent, at):
+    """Fill at (b,) with positions in the ring: the last `late` of them among the `recent` decisions."""
+    kept = min(count, capacity)
+    for r in range(len(at)):
+        window = min(kept, recent) if r >= len(at) - late else kept
+        back = min(int(uniform[r] * F(window)), window - 1)  # 0: the newest
+        at[r] = (count - 1 - back) % capacity
+
+
+@compiled
+def imagine(s, zeta, uniform, normal, m):
+    """Redraw the needs of the first m states of zeta (b, D), place and rest kept; fatigues are scaled down.
+
+    Half of them have one need deprived and the others near sated, half have all needs uniform
+    between deprived and a little beyond sated.
+    """
+    parts = zeta.shape[1]
+    for r in range(m):
+        one = -1
+        if r < m // 2 and len(s.deprivable):
+            one = s.deprivable[min(int(uniform[m * parts + m + r] * F(len(s.deprivable))), len(s.deprivable) - 1)]
+        calm = uniform[m * parts + r]
+        for v in range(parts):
+            if not s.need[v]:
+                continue
+            can = False
+            for e in s.deprivable:
+                can |= e == v
+            bottom = max(s.deprived * s.scale[v], s.low[v])
+            drawn = bottom + uniform[r * parts + v] * (s.sated * s.scale[v] - bottom)
+            if not can:
+                drawn = zeta[r, v] * calm
+            elif r < m // 2 and v != one:
+                drawn = F(0.1) * s.scale[v] * normal[r, v]
+            zeta[r, v] = min(max(drawn, s.low[v]), s.high[v])
+
+
+@compiled
+def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
+    """Return L_f and fill its gradient g (P,): the squared error of the executed movement's predicted change."""
+    base, width, parts, rows = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1], len(zeta)
+    k, inputs = base + cells, base + centres.shape[1]
+    w1, b1, w2, b2, w3, b3 = layers(f_row, inputs, width)
+    g1, gb1, g2, gb2, g3, gb3 = layers(g, inputs, width)
+    x = shaped(room.inputs, rows, k)
+    features(s, zeta, centres, x)
+    h1, h2 = shaped(room.first, rows, width), shaped(room.second, rows, width)
+    back2, back1 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
+    relu_layer(x, w1[:k], b1, h1)
+    relu_layer(h1, w2, b2, h2)
+    known = 0
+    for r in range(rows):
+        known += movement[r] >= 0
+    part = ONE / F(max(known, 1) * (parts + 1))
+    loss = ZERO
+    g3[:] = ZERO
+    gb3[:] = ZERO
+    for r in range(rows):
+        up, row = back2[r], h2[r]
+        up[:] = ZERO
+        if movement[r] < 0:
+            continue
+        for v in range(parts + 1):
+            goal = min(duration[r], LONGEST) if v == parts else after[r, v] - zeta[r, v]
+            for p in s.angle:
+                if p == v:
+                    goal = F(math.atan2(math.sin(goal), math.cos(goal)))
+            o = movement[r] * (parts + 1) + v
+            weight, slot = w3[o], g3[o]
+            error = output(row, weight, b3[o]) - goal / s.unit[v]
+            loss += error * error * part
+            e = TWO * error * part
+            gb3[o] += e
+            for h in range(width):
+                slot[h] += e * row[h]
+                up[h] += e * weight[h]
+        for h in range(width):
+            up[h] = up[h] if row[h] > ZERO else ZERO
+    sum_rows(back2, gb2)
+    product_across(h1, back2, g2)
+    product_back(back2, w2, back1)
+    for r in range(rows):
+        for h in range(width):
+            back1[r, h] = back1[r, h] if h1[r, h] > ZERO else ZERO
+    sum_rows(back1, gb1)
+    product_across(x, back1, g1[:k])
+    return loss
+
+
+@compiled
+def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
+    """Return L_J and fill its gradient g (Q,): the squared residual of the HJB equation, in drive units.
+
+    `goal` (b,) is the right-hand side; where the score is first order and there is no min (Algorithm 1 as
+    printed) it lacks dJ/dzeta . f, which is added here along `rate` (b, D) and differentiated too.
+    """
+    base, width, b = len(s.plain) + 2 * len(s.angle), s.width, len(zeta)
+    k, inputs = base + cells, base + centres.shape[1]
+    printed = not (s.finite or s.minimum)
+    rows = 2 * b if printed else b  # the states, and below them their tangents
+    w1, b1, w2, b2, w3, b3 = layers(j_row, inputs, width)
+    g1, gb1, g2, gb2, g3, gb3 = layers(g, inputs, width)
+    x = shaped(room.inputs, rows, k)
+    features(s, zeta, centres, x[:b])
+    if printed:
+        tangents(s, zeta, x[:b], rate, centres, x[b:])
+    z1, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
+    z2, h2 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
+    product(x, w1[:k], z1)
+    activate(z1, b1, h1, b)
+    product(h1, w2, z2)
+    activate(z2, b2, h2, b)
+    known = 0
+    for r in range(b):
+        known += s.minimum or movement[r] >= 0
+    loss, share = ZERO, ONE / F(max(known, 1))
+    g3[:] = ZERO
+    gb3[:] = ZERO
+    for r in range(b):
+        residual = s.centre_j + s.spread_j * output(h2[r], w3[0], b3[0]) - goal[r]
+        if printed:
+            residual += s.spread_j * output(h2[b + r], w3[0], ZERO) / s.log_gamma
+        weight = ONE
+        if s.weight_top > ZERO:
+            weight = s.weight_top / (s.weight_floor + drive(s, zeta[r], room.own))
+        weight *= weight * share * F(s.minimum or movement[r] >= 0)
+        loss += residual * residual * weight
+        e = TWO * residual * weight * s.spread_j
+        gb3[0] += e
+        for h in range(width):
+            g3[0, h] += e * h2[r, h]
+            h2[r, h] = e * w3[0, h]  # from here on the gradient of the loss
+        if printed:
+            e /= s.log_gamma
+            for h in range(width):
+                g3[0, h] += e * h2[b + r, h]
+                h2[b + r, h] = e * w3[0, h]
+    deactivate(z2, h2, b)
+    sum_rows(h2[:b], gb2)
+    product_across(h1, h2, g2)
+    product_back(h2, w2, h1)
+    deactivate(z1, h1, b)
+    sum_rows(h1[:b], gb1)
+    product_across(x, h1, g1[:k])
+    return loss
+
+
+@compiled
+def activate(z, bias, out, b):
+    """Add the bias to z's first b rows and fill out with silu(z); rows below are tangents of those above."""
+    for r in range(b):
+        for h in range(len(bias)):
+            z[r, h] += bias[h]
+            out[r, h] = z[r, h] * sigmoid(z[r, h])
+    for r in range(b, len(z)):
+        for h in range(len(bias)):
+            at = z[r - b, h]
+            g = sigmoid(at)
+            out[r, h] = z[r, h] * g * (ONE + at * (ONE - g))
+
+
+@compiled
+def deactivate(z, up, b):
+    """Turn the gradient `up` of silu's values, tangents below, into that of z, in place."""
+    for r in range(b):
+        for h in range(z.shape[1]):
+            at = z[r, h]
+            g = sigmoid(at)
+            slope = g * (ONE + at * (ONE - g))
+            value = up[r, h] * slope
+            if len(z) > b:
+                value += up[b + r, h] * z[b + r, h] * g * (ONE - g) * (TWO + at * (ONE - TWO * g))
+                up[b + r, h] *= slope
+            up[r, h] = value
+
+
+@compiled
+def room_for(s, rows, parts, outputs, inputs, b):
+    """Return room for `rows` states at once, of which `b` may be followed by as many tangents."""
+    flat = max(rows, 2 * b) * max(s.width, 1)
+    return Room(
+        np.empty(max(rows, 2 * b) * inputs, F),
+        np.empty(flat, F),
+        np.empty(flat, F),
+        np.empty(flat, F),
+        np.empty(flat, F),
+        np.empty(max(b * outputs, rows), F),
+        np.empty((max(rows, 1), parts), F),
+        np.empty(max(rows, 1), F),
+        np.empty(max(rows, 1), np.int64),
+        np.empty(parts, F),
+        np.empty((b, parts), F),
+    )
+
+
+@compiled
+def decide(s, brains, slots, zeta, open_, out):
+    """Fill out (k, M) with the scores of the agents `slots` (k,) at zeta (k, D), infinity where not open."""
+    base = len(s.plain) + 2 * len(s.angle)
+    parts = zeta.shape[1]
+    room = room_for(s, s.movements, parts, s.movements * (parts + 1), base + brains.cell_centre.shape[2], 1)
+    for r in range(len(slots)):
+        i = slots[r]
+        scores(
+            s,
+            zeta[r : r + 1],
+            open_[r : r + 1],
+            brains.f[i],
+            brains.J[i],
+            brains.cell_centre[i],
+            brains.cell_count[i],
+            room,
+            out[r : r + 1],
+        )
+
+
+@compiled
+def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
+    """Take one step on L_f and then one on L_J for every `ready` agent from `start` to `stop`."""
+    parts, capacity = ring.zeta.shape[2], ring.zeta.shape[1]
+    b, bf, m = draws.batch, draws.batch_f, draws.imagined
+    base = len(s.plain) + 2 * len(s.angle)
+    inputs, width = base + brains.cell_centre.shape[2], s.width
+    outputs = s.movements * (parts + 1)
+    room = room_for(s, max(b * s.movements, bf), parts, outputs, inputs, b)
+    g_f, g_j = np.zeros(brains.f.shape[1], F), np.zeros(brains.J.shape[1], F)
+    at, at_f = np.empty(b, np.int64), np.empty(bf, np.int64)
+    zeta_f, after_f, time_f = np.empty((bf, parts), F), np.empty((bf, parts), F), np.empty(bf, F)
+    done_f = np.empty(bf, np.int64)
+    zeta, pace, done = np.empty((b, parts), F), np.empty((b, parts), F), np.empty(b, np.int64)
+    open_, table, goal = np.empty((b, s.movements), np.bool_), np.empty((b, s.movements), F), np.empty(b, F)
+    for i in range(start, stop):
+        if not ready[i]:
+            continue
+        uniform, cells, centres = draws.uniform[i], brains.cell_count[i], brains.cell_centre[i]
+        silent, ends = (base + cells) * width, inputs * width
+        # f
+        positions(ring.lived[i], capacity, uniform[b:], draws.late_f, draws.recent, at_f)
+        for r in range(bf):
+            zeta_f[r], after_f[r] = ring.zeta[i, at_f[r]], ring.after[i, at_f[r]]
+            time_f[r], done_f[r] = ring.duration[i, at_f[r]], ring.movement[i, at_f[r]]
+        loss_f[i] = learn_f(s, zeta_f, done_f, after_f, time_f, brains.f[i], centres, cells, room, g_f)
+        brains.f_steps[i] += 1
+        step(brains.f[i], g_f, brains.f_first[i], brains.f_second[i], brains.f_steps[i], rate[i], silent, ends)
+        # the right-hand side of the equation
+        positions(ring.lived[i], capacity, uniform, draws.late, draws.recent, at)
+        for r in range(b):
+            zeta[r], done[r] = ring.zeta[i, at[r]], ring.movement[i, at[r]]
+            for v in range(s.movements):
+                open_[r, v] = ring.open[i, at[r], v] if s.minimum else v == max(done[r], 0)
+        if m:
+            imagine(s, zeta, uniform[b + bf :], draws.normal[i], m)
+        if s.minimum or s.finite:
+            scores(s, zeta, open_, brains.f[i], brains.target[i], centres, cells, room, table)
+            for r in range(b):
+                least = table[r, 0]
+                for v in range(1, s.movements):
+                    least = min(least, table[r, v])
+                goal[r] = min(max(least, ZERO), s.ceiling)
+        else:
+            executed(s, zeta, done, brains.f[i], centres, cells, room, pace)
+            for r in range(b):
+                goal[r] = drive(s, ring.after[i, at[r]], room.own)
+        # J
+        loss_j[i] = learn_j(s, zeta, done, goal, pace, brains.J[i], centres, cells, room, g_j)
+        brains.J_steps[i] += 1
+        step(brains.J[i], g_j, brains.J_first[i], brains.J_second[i], brains.J_steps[i], rate[i], silent, ends)
+        slow, fast = brains.target[i], brains.J[i]
+        for p in range(len(slow)):
+            slow[p] += POLYAK * (fast[p] - slow[p])
+
+
+@compiled
+def executed(s, zeta, movement, f_row, centres, cells, room, pace):
+    """Fill pace (b, D) with f, per unit of time, of the movement executed at each zeta (b, D)."""
+    base, width, parts, rows = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1], len(zeta)
+    k = base + cells
+    w1, b1, w2, b2, w3, b3 = layers(f_row, base + centres.shape[1], width)
+    x = shaped(room.inputs, rows, k)
+    features(s, zeta, centres, x)
+    h1, h2 = shaped(room.first, rows, width), shaped(room.second, rows, width)
+    relu_layer(x, w1[:k], b1, h1)
+    relu_layer(h1, w2, b2, h2)
+    for r in range(rows):
+        o = max(movement[r], 0) * (parts + 1)
+        tau = output(h2[r], w3[o + parts], b3[o + parts]) * s.unit[parts]
+        tau = min(max(tau, s.dt), LONGEST)
+        for v in range(parts):
+            pace[r, v] = output(h2[r], w3[o + v], b3[o + v]) * s.unit[v] / tau
+
+
+@compiled
+def value_at(s, brains, slot, zeta):
+    """Return Jn (m,) of one agent at zeta (m, D)."""
+    parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
+    room = room_for(s, len(zeta), parts, 1, inputs, 1)
+    deviations(s, zeta, brains.J[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
+    return room.outputs[: len(zeta)].copy()
+
+
+@compiled
+def slope_at(s, brains, slot, zeta):
+    """Return dJn/dzeta (m, D) of one agent at zeta (m, D)."""
+    parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
+    room = room_for(s, len(zeta), parts, 1, inputs, len(zeta))
+    slopes(s, zeta, brains.J[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
+    return room.slope
+
+
+@compiled
+def forecast_at(s, brains, slot, zeta):
+    """Return f's outputs (m, M (D + 1)) of one agent at zeta (m, D), in its units."""
+    base, parts, rows = len(s.plain) + 2 * len(s.angle), zeta.shape[1], len(zeta)
+    centres, cells = brains.cell_centre[slot], brains.cell_count[slot]
+    w1, b1, w2, b2, w3, b3 = layers(brains.f[slot], base + centres.shape[1], s.width)
+    room = room_for(s, rows, parts, len(w3), base + centres.shape[1], rows)
+    k = base + cells
+    x = shaped(room.inputs, rows, k)
+    features(s, zeta, centres, x)
+    h1, h2 = shaped(room.first, rows, s.width), shaped(room.second, rows, s.width)
+    relu_layer(x, w1[:k], b1, h1)
+    relu_layer(h1, w2, b2, h2)
+    return np.dot(h2, w3.T) + b3

@@ -1,0 +1,207 @@
+"""The f/J learner once more, plainly: one agent, torch modules, automatic gradients, torch's Adam, no stacking.
+
+It is the reference that the compiled kernels are held to, and what their speed is compared with.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from agents import hjb, kernels
+from agents.base import drive_terms
+from agents.hjb import HJB
+
+
+def network(sizes: list[int], activation: type[nn.Module], row: np.ndarray) -> nn.Sequential:
+    """Return a module with the weights of one agent's row: (in, out) per layer but the last, which is (out, in)."""
+    parts: list[nn.Module] = []
+    at = 0
+    for k, (fan_in, fan_out) in enumerate(itertools.pairwise(sizes)):
+        layer, last = nn.Linear(fan_in, fan_out), k == len(sizes) - 2
+        values = torch.from_numpy(row[at : at + fan_in * fan_out].copy())
+        layer.weight.data = values.view(fan_out, fan_in) if last else values.view(fan_in, fan_out).T.clone()
+        at += fan_in * fan_out
+        layer.bias.data = torch.from_numpy(row[at : at + fan_out].copy())
+        at += fan_out
+        parts += [layer] if last else [layer, activation()]
+    assert at == len(row)
+    return nn.Sequential(*parts)
+
+
+def as_row(module: nn.Sequential) -> np.ndarray:
+    """Return a module's weights as a row."""
+    linear = [layer for layer in module if isinstance(layer, nn.Linear)]
+    parts = []
+    for layer in linear:
+        weight = layer.weight if layer is linear[-1] else layer.weight.T
+        parts += [weight.detach().reshape(-1), layer.bias.detach()]
+    return torch.cat(parts).numpy()
+
+
+class PlainAgent:
+    """The agent in one slot of a learner, copied; it learns from the learner's memory of that slot."""
+
+    def __init__(self, learner: HJB, slot: int) -> None:
+        self.learner, self.slot, self.s = learner, slot, learner.settings
+        layout = learner.group.layout
+        kinds = np.array(layout.kinds)
+        mix, felt, self.exponent = drive_terms(layout)
+        self.mix, self.felt, self.eps = torch.from_numpy(mix), torch.from_numpy(felt), float(layout.epsilon)
+        self.scale = torch.tensor(layout.scale, dtype=torch.float32)
+        self.plain, self.angle = np.flatnonzero(kinds != "angle"), np.flatnonzero(kinds == "angle")
+        self.place = np.flatnonzero(kinds == "position")[:2]
+        self.need = kinds == "deviation"
+        self.can = self.need & layout.regulated & (layout.low < 0)
+        self.centre = torch.tensor(np.where(kinds == "position", (layout.low + layout.high) / 2, 0)).float()
+        huge = np.where(kinds == "angle", 1e30, 0.0)
+        self.low = torch.tensor(np.where(huge > 0, -huge, np.maximum(layout.low, -1e30))).float()
+        self.high = torch.tensor(np.where(huge > 0, huge, np.minimum(layout.high, 1e30))).float()
+        worst = layout.scale[self.can] if self.can.any() else layout.scale[self.need]
+        self.worst = float(np.sqrt((worst**2).sum())) ** self.exponent
+        self.parts, self.count, self.dt = len(kinds), learner.count, learner.group.dt
+        unit = torch.where(torch.tensor(self.need | (kinds == "felt")), 0.1 * self.scale, 0.5 * self.scale)
+        unit[self.angle] = 1.0
+        self.unit = torch.cat([unit, torch.tensor([self.s.stride if self.s.adaptive_steps else self.dt])])
+        self.f = network(list(learner.f.sizes), nn.ReLU, learner.f.weights[slot])
+        self.J = network(list(learner.J.sizes), nn.SiLU, learner.J.weights[slot])
+        self.slow = network(list(learner.J.sizes), nn.SiLU, learner.target[slot]) if self.s.target_network else self.J
+        self.adam_f, self.adam_j = (torch.optim.Adam(m.parameters(), lr=1e-3) for m in (self.f, self.J))
+
+    def drive(self, zeta: Tensor) -> Tensor:
+        """Return d at zeta (..., D)."""
+        own = ((zeta @ self.mix).square().sum(-1) + self.eps) ** (self.exponent / 2)
+        return own + zeta @ self.felt
+
+    def features(self, zeta: Tensor) -> Tensor:
+        """Return network inputs for zeta (b, D)."""
+        angle = zeta[:, self.angle]
+        parts = [(zeta - self.centre)[:, self.plain] / self.scale[self.plain], angle.cos(), angle.sin()]
+        cells = self.learner.cells
+        if cells:
+            centres = torch.from_numpy(self.learner.cell_centre[self.slot].T)
+            gap = (zeta[:, None, self.place] - centres).square().sum(-1)
+            on = torch.arange(cells) < int(self.learner.cell_count[self.slot])
+            parts.append(torch.where(on, (-0.5 * gap / self.s.place_width**2).clamp(min=-30).exp(), 0.0))
+        return torch.cat(parts, 1)
+
+    def deviation(self, zeta: Tensor, network_: nn.Module) -> Tensor:
+        """Return Jn at zeta (b, D), drive units."""
+        out = network_(self.features(zeta))[:, 0]
+        return self.worst * (hjb.J_CENTRE + hjb.J_SPREAD * out)
+
+    def slope(self, zeta: Tensor, network_: nn.Module) -> Tensor:
+        """Return dJn/dzeta, differentiable in the weights."""
+        at = zeta.detach().requires_grad_()
+        return torch.autograd.grad(self.deviation(at, network_).sum(), at, create_graph=True)[0]
+
+    def changes(self, zeta: Tensor) -> tuple[Tensor, Tensor]:
+        """Return f of all movements: changes (b, M, D), durations (b, M)."""
+        out = self.f(self.features(zeta)).view(len(zeta), self.count, self.parts + 1) * self.unit
+        return out[..., :-1], out[..., -1].clamp(self.dt, 300.0)
+
+    def scores(self, zeta: Tensor, network_: nn.Module) -> Tensor:
+        """Return the HJB score of all movements, (b, M)."""
+        with torch.no_grad():
+            change, duration = self.changes(zeta)
+        if self.s.finite_difference:
+            with torch.no_grad():
+                after = torch.minimum(torch.maximum(zeta[:, None] + change, self.low), self.high)
+                keep = self.s.gamma**duration
+                ahead = self.deviation(after.flatten(0, 1), network_).view(keep.shape)
+                return (1 - keep) * 0.5 * (self.drive(zeta)[:, None] + self.drive(after)) + keep * ahead
+        rate = change / duration[..., None]
+        climb = (self.slope(zeta, network_)[:, None] * rate).sum(-1)
+        return self.drive(zeta[:, None] + rate * self.dt) - climb / math.log(self.s.gamma)
+
+    def best(self, zeta: np.ndarray, open_: np.ndarray) -> int:
+        """Return the open movement of least score at one zeta (D,)."""
+        score = self.scores(torch.from_numpy(zeta)[None], self.J).detach().numpy()[0]
+        return int(np.where(open_, score, np.inf).argmin())
+
+    def positions(self, uniform: np.ndarray) -> np.ndarray:
+        """Return positions in the ring for uniform numbers (b,)."""
+        count, capacity = int(self.learner.memory.count[self.slot]), self.learner.memory.capacity
+        late = round(len(uniform) * self.s.recent_share)
+        found = []
+        for r, u in enumerate(uniform):
+            window = min(count, capacity)
+            if r >= len(uniform) - late:
+                window = min(window, self.s.recent)
+            found.append((count - 1 - min(int(u * np.float32(window)), window - 1)) % capacity)
+        return np.array(found)
+
+    def imagine(self, zeta: Tensor, uniform: np.ndarray, normal: np.ndarray, m: int) -> Tensor:
+        """Return zeta with the needs of the first m states redrawn."""
+        zeta = zeta.clone()
+        fresh = uniform[: m * self.parts].reshape(m, self.parts)
+        calm, which = uniform[m * self.parts :][:m], uniform[m * self.parts + m :]
+        can = np.flatnonzero(self.can)
+        for r in range(m):
+            one = can[min(int(which[r] * np.float32(len(can))), len(can) - 1)] if r < m // 2 else -1
+            for v in np.flatnonzero(self.need):
+                bottom = max(-self.scale[v], self.low[v])
+                drawn = bottom + float(fresh[r, v]) * (0.4 * self.scale[v] - bottom)
+                if v not in can:
+                    drawn = zeta[r, v] * float(calm[r])
+                elif r < m // 2 and v != one:
+                    drawn = 0.1 * self.scale[v] * float(normal[r, v])
+                zeta[r, v] = min(max(drawn, self.low[v]), self.high[v])
+        return zeta
+
+    def update(self, uniform: np.ndarray, normal: np.ndarray, rate: float) -> tuple[float, float]:
+        """Take one step on L_f and L_J with the random numbers of this agent; return both losses."""
+        s, memory, i = self.s, self.learner.memory, self.slot
+        b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
+        for group in (*self.adam_f.param_groups, *self.adam_j.param_groups):
+            group["lr"] = rate
+        at = self.positions(uniform[b : b + bf])
+        zeta, after = torch.from_numpy(memory.zeta[i, at]), torch.from_numpy(memory.after[i, at])
+        movement = torch.from_numpy(memory.movement[i, at].astype(np.int64))
+        out = self.f(self.features(zeta)).view(bf, self.count, self.parts + 1)
+        picked = out[torch.arange(bf), movement.clamp(min=0)]
+        change = after - zeta
+        change[:, self.angle] = torch.atan2(change[:, self.angle].sin(), change[:, self.angle].cos())
+        duration = torch.from_numpy(memory.duration[i, at]).clamp(max=300.0)
+        goal = torch.cat([change, duration[:, None]], 1) / self.unit
+        known = (movement >= 0).float()
+        loss_f = ((picked - goal).square().mean(1) * known).sum() / known.sum().clamp(min=1)
+        self.adam_f.zero_grad()
+        loss_f.backward()
+        self.adam_f.step()
+
+        at = self.positions(uniform[:b])
+        zeta, after = torch.from_numpy(memory.zeta[i, at]), torch.from_numpy(memory.after[i, at])
+        movement, open_ = torch.from_numpy(memory.movement[i, at].astype(np.int64)), memory.open[i, at]
+        executed, known = movement.clamp(min=0), (movement >= 0).float()
+        m = round(s.imagined * b)
+        zeta = self.imagine(zeta, uniform[b + bf :], normal, m)
+        if s.minimum_in_loss:
+            known = torch.ones_like(known)
+            score = self.scores(zeta, self.slow).detach()
+            goal = score.masked_fill(~torch.from_numpy(open_), math.inf).amin(1)
+        elif s.finite_difference:
+            goal = self.scores(zeta, self.slow).detach()[torch.arange(b), executed]
+        else:
+            change, duration = self.changes(zeta)
+            pace = (change / duration[..., None]).detach()[torch.arange(b), executed]
+            goal = self.drive(after) - (self.slope(zeta, self.J) * pace).sum(1) / math.log(s.gamma)
+        if s.minimum_in_loss or s.finite_difference:
+            goal = goal.clamp(0, hjb.J_CEILING * self.worst)
+        residual = self.deviation(zeta, self.J) - goal
+        if s.relative_weight:
+            floor = hjb.WEIGHT_FLOOR * self.worst
+            residual = residual * hjb.WEIGHT_TOP * self.worst / (floor + self.drive(zeta))
+        loss_j = (residual.square() * known).sum() / known.sum().clamp(min=1)
+        self.adam_j.zero_grad()
+        loss_j.backward()
+        self.adam_j.step()
+        if s.target_network:
+            with torch.no_grad():
+                for slow, fast in zip(self.slow.parameters(), self.J.parameters(), strict=True):
+                    slow.lerp_(fast, float(kernels.POLYAK))
+        return loss_f.item(), loss_j.item()

@@ -1,0 +1,172 @@
+"""The compiled kernels against the plain learner: the same scores, losses and weights."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from plain_learner import PlainAgent, as_row
+
+import agents
+import scenarios
+from agents import hjb, kernels
+from agents.hjb import ALGORITHM1, HJB
+from ecology import Ecology
+
+SMALL = {"width": 16, "batch": 12, "batch_f": 20, "place_cells": 8, "memory": 60, "recent": 20}
+PRINTED = {**ALGORITHM1, "width": 16}
+VARIANTS: dict[str, dict[str, Any]] = {
+    "default": SMALL,
+    "algorithm1": PRINTED,
+    "algorithm1 from batches, with place cells": {**PRINTED, "replay": True, **SMALL},
+    "without target network and weight": {**SMALL, "target_network": False, "relative_weight": False},
+    "without the min": {**SMALL, "minimum_in_loss": False},
+    "first-order score": {**SMALL, "finite_difference": False},
+    "lean": {**hjb.LEAN, "place_cells": 8, "memory": 60},
+    "nothing imagined": {**SMALL, "imagined": 0.0},
+}
+
+
+def learned(settings: dict[str, Any], n: int = 3) -> HJB:
+    """Return n agents with random networks and memories of different lengths."""
+    scenario = scenarios.load("paper")
+    many = dataclasses.replace(scenario.species[0], count=n, position=None)
+    group = Ecology(dataclasses.replace(scenario, species=(many,))).groups["agent"]
+    learner = agents.make("hjb", group, np.random.SeedSequence(4), {"learning_rate": 3e-3, **settings})
+    assert isinstance(learner, HJB)
+    rng = np.random.default_rng(0)
+    for network in (learner.f, learner.J):
+        network.weights[:, -network.last :] = rng.normal(scale=0.3, size=(n, network.last))
+    if learner.settings.target_network:
+        learner.target[:] = learner.J.weights + rng.normal(scale=0.05, size=learner.J.weights.shape)
+    low, high = group.layout.low, group.layout.high
+    if learner.cells:
+        learner.cell_count[:] = rng.integers(1, learner.cells + 1, n)
+        learner.cell_centre[:] = rng.uniform(0, 6, learner.cell_centre.shape)
+    for slot in range(n):
+        for _ in range(30 + 40 * slot):
+            zeta, after = (rng.uniform(low, high)[None].astype(np.float32) for _ in range(2))
+            movement = rng.integers(-1, learner.count, 1)
+            open_ = rng.random((1, learner.count)) < 0.5
+            open_[0, max(movement[0], 0)] = True
+            learner.memory.add(np.array([slot]), zeta, movement, after, rng.uniform(1, 20, 1), open_)
+    return learner
+
+
+def compare_updates(learner: HJB, updates: int = 6) -> None:
+    """Update the learner and plain agents with the same random numbers; slot 1 pauses once."""
+    plain = [PlainAgent(learner, slot) for slot in range(learner.size)]
+    s = learner.settings
+    b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
+    m = round(s.imagined * b)
+    before = learner.J.weights.copy()
+    for k in range(updates):
+        twin = np.random.default_rng()
+        twin.bit_generator.state = learner.generator.bit_generator.state
+        uniform = twin.random((learner.size, b + bf + m * learner.components + m + m // 2), np.float32)
+        normal = twin.standard_normal((learner.size, m // 2, learner.components), np.float32)
+        ready = np.array([True, k != 2, True])[: learner.size]
+        learner._update(ready)
+        for slot in np.flatnonzero(ready):
+            losses = plain[slot].update(uniform[slot], normal[slot], float(learner.rate()[slot]))
+            assert losses == pytest.approx((learner.loss_f[slot], learner.loss_j[slot]), rel=1e-3)
+    for slot, agent in enumerate(plain):
+        assert np.allclose(as_row(agent.f), learner.f.weights[slot], atol=1e-4)
+        assert np.allclose(as_row(agent.J), learner.J.weights[slot], atol=1e-4)
+        assert np.allclose(as_row(agent.slow), learner.target[slot], atol=1e-4)
+        assert np.abs(learner.J.weights[slot] - before[slot]).max() > 4e-3  # it has learned something
+    assert learner.J.steps.tolist() == [updates, updates - 1, updates][: learner.size]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_an_update_equals_the_plain_one(variant: str) -> None:
+    """After some updates of three agents, every weight is that of modules with automatic gradients, to 1e-4."""
+    compare_updates(learned(VARIANTS[variant]))
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0])
+def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, monkeypatch) -> None:
+    """The same where the drive has another exponent, weights and components felt, added to needs or to itself."""
+    plain_terms = hjb.drive_terms
+
+    def terms(layout):
+        mix, felt, _ = plain_terms(layout)
+        mix[0, 0], mix[6, 1], felt[7] = 0.7, 1.0, 0.2
+        return mix, felt, exponent
+
+    monkeypatch.setattr("agents.hjb.drive_terms", terms)
+    monkeypatch.setattr("plain_learner.drive_terms", terms)
+    compare_updates(learned(SMALL))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_scores_equal_the_plain_ones(variant: str) -> None:
+    """The score of every open movement is the plain one, infinity where it is closed; slopes and f too."""
+    learner = learned(VARIANTS[variant])
+    rng = np.random.default_rng(1)
+    layout = learner.group.layout
+    zeta = rng.uniform(layout.low, layout.high, (3, learner.components)).astype(np.float32)
+    open_ = rng.random((3, learner.count)) < 0.5
+    score = learner._scores(np.array([2, 0, 1]), zeta, open_)
+    for row, slot in enumerate((2, 0, 1)):
+        plain = PlainAgent(learner, slot)
+        at = torch.from_numpy(zeta[row : row + 1])
+        expected = plain.scores(at, plain.J).detach().numpy()[0]
+        assert np.isinf(score[row][~open_[row]]).all()
+        assert score[row][open_[row]] == pytest.approx(expected[open_[row]], rel=1e-3, abs=1e-4)
+        slope = plain.slope(at, plain.J).detach().numpy()
+        assert learner.slope(slot, zeta[row : row + 1]) == pytest.approx(slope, rel=1e-3, abs=1e-4)
+        change, duration = plain.changes(at)
+        found = learner.predict(slot, zeta[row : row + 1])
+        assert found["change"] == pytest.approx(change.detach().numpy(), rel=1e-3, abs=1e-5)
+        assert found["duration"] == pytest.approx(duration.detach().numpy(), rel=1e-3)
+
+
+def test_threads_make_no_difference(monkeypatch) -> None:
+    """Twenty agents updated by one thread and by four are bit for bit the same."""
+    found = []
+    for workers in (1, 4):
+        monkeypatch.setattr(hjb, "WORKERS", workers)
+        learner = learned(SMALL, n=20)
+        assert (learner.threads is None) == (workers == 1)
+        for _ in range(3):
+            learner._update(np.ones(20, bool))
+        found.append((learner.f.weights, learner.J.weights, learner.loss_j))
+    for one, four in zip(*found, strict=True):
+        assert np.array_equal(one, four)
+
+
+def test_agents_do_not_depend_on_each_other() -> None:
+    """An update of one agent leaves all of the others as it was, and what it comes to is the same without them."""
+    together, alone = learned(SMALL), learned(SMALL)
+    before = together.f.weights.copy(), together.J.weights.copy(), together.f.second.copy()
+    together._update(np.array([True, True, True]))
+    alone._update(np.array([False, True, False]))
+    for i, (one, all_) in enumerate(((alone.f, together.f), (alone.J, together.J))):
+        assert np.array_equal(one.weights[1], all_.weights[1])
+        assert np.array_equal(one.weights[[0, 2]], before[i][[0, 2]])
+        assert one.steps.tolist() == [0, 1, 0]
+    assert np.isnan(alone.loss_f[[0, 2]]).all()
+
+
+def test_exp_is_exact_to_float32() -> None:
+    """e^x of the kernels is within 3e-7 of e^x, relatively, from -80 to 80."""
+    x = np.linspace(-80, 80, 4001, dtype=np.float32)
+    found = np.array([kernels.exp32(v) for v in x])
+    assert np.abs(found / np.exp(x.astype(float)) - 1).max() < 3e-7
+
+
+def test_memory_draws_the_share_from_the_newest() -> None:
+    """The last part of a batch lies among the newest decisions, the first anywhere in life; the ring wraps."""
+    uniform, at = np.random.default_rng(0).random(1000, np.float32), np.empty(1000, np.int64)
+    kernels.positions(250, 100, uniform, 400, 10, at)
+    age = (249 - at) % 100  # 0: the newest
+    assert age.max() == 99
+    assert age[600:].max() == 9
+    assert len(np.unique(age[600:])) == 10
+    assert age[:600].max() > 90
+    kernels.positions(250, 1, uniform, 400, 10, at)
+    assert not at.any()
