@@ -302,12 +302,15 @@ def write(out: Path, rows: Sequence[Mapping[str, Any]], used: Mapping[str, str])
     return [out / TABLE, out / FIGURE]
 
 
+def called(name: str, version: str) -> str:
+    """Return a name with its version, which may begin with it."""
+    return version if version.startswith(name) else f"{name} {version}"
+
+
 def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     """Draw agent-steps per second over agents, a line for each name, with quartiles."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-
-    from ecology.observers.colours import PALETTE
 
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -318,10 +321,12 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
         spread = np.array([[speed.median - speed.low, speed.high - speed.median] for speed in line]).T
         label = f"ecology, {name}" if name in (ARRAYS, DICTS) else f"ecology, {name} learning"
         if name in WORLDS:
-            label = f"{name} ({used[name]})"
+            label = called(name, used[name])
+        elif name == MODULES:
+            label = "ecology, algorithm1 learning by modules"
         ax.errorbar(
             [speed.agents for speed in line], middle, spread, fmt="--s" if name in WORLDS else "-o", capsize=3,
-            linewidth=1.3, markersize=4, label=label, color=np.array(PALETTE[(i - 2) % len(PALETTE)]) / 255,
+            linewidth=1.3, markersize=4, label=label, color=f"C{i % 10}",
         )  # fmt: skip
     ax.set_xscale("log")
     ax.set_yscale("log")

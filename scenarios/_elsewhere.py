@@ -6,8 +6,8 @@ It is run as a file, in whatever Python has the library, and knows nothing of th
 from __future__ import annotations
 
 import importlib.metadata
+import itertools
 import json
-import random
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -54,12 +54,12 @@ def parallel(env: Any) -> tuple[int, Step]:
     """Return how many agents a PettingZoo world has, and its tick; who dies is out, an empty world starts anew."""
     env.reset(seed=0)
     many = len(env.agents)
-    drawn = [{name: env.action_space(name).sample() for name in env.agents} for _ in range(DRAWN)]
+    drawn = itertools.cycle([{name: env.action_space(name).sample() for name in env.agents} for _ in range(DRAWN)])
 
     def step() -> int:
         if not env.agents:
             env.reset()
-        chosen = drawn[random.randrange(DRAWN)]
+        chosen = next(drawn)
         acting = {name: chosen[name] for name in env.agents}
         env.step(acting)
         return len(acting)
@@ -108,10 +108,10 @@ def vmas(n: int) -> tuple[int, Step]:
         "simple_tag", num_envs=1, device="cpu", seed=0, num_good_agents=prey, num_adversaries=n - prey
     )
     env.reset()
-    drawn = [[env.get_random_action(agent) for agent in env.agents] for _ in range(DRAWN)]
+    drawn = itertools.cycle([[env.get_random_action(agent) for agent in env.agents] for _ in range(DRAWN)])
 
     def step() -> int:
-        env.step(drawn[random.randrange(DRAWN)])
+        env.step(next(drawn))
         return len(env.agents)
 
     return len(env.agents), step

@@ -619,7 +619,7 @@ def bench(
         taken = sorted(row["calibration_seconds"] * 1e3 for row in rows)
         where = "not pinned" if pinned is None else f"core {pinned}"
         print(f"{where}; the loop that is always the same took {taken[0]:.1f} to {taken[-1]:.1f} ms between them")
-        print(", ".join(f"{name} {version}" for name, version in used.items()))
+        print(", ".join(_bench.called(name, version) for name, version in used.items()))
         print(f"written: {', '.join(map(str, written))}")
 
 
