@@ -27,6 +27,8 @@ FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps denor
 FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
 LONGEST = F(300.0)  # units of time, of a predicted duration
 
+Array = Any  # of NumPy, or as another device holds it
+
 FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
 # no assumption about NaN or infinity: what diverges must be seen
 compiled = numba.njit(fastmath={"reassoc", "contract", "arcp", "nsz"}, **FLAGS)
@@ -36,21 +38,21 @@ exactly = numba.njit(fastmath={"contract"}, **FLAGS)  # additions in the order i
 class Senses(NamedTuple):
     """What all agents of one learner share: how zeta becomes inputs and drive, and the equation's constants."""
 
-    centre: np.ndarray  # (D,)
-    inverse: np.ndarray  # (D,) 1 / scale
-    scale: np.ndarray  # (D,)
-    low: np.ndarray  # (D,)
-    high: np.ndarray  # (D,)
-    unit: np.ndarray  # (D + 1,) of f's outputs
-    plain: np.ndarray  # int, components that are inputs as they are
-    angle: np.ndarray  # int, components that are inputs by cosine and sine
-    place: np.ndarray  # int (2,)
-    need: np.ndarray  # bool (D,)
-    deprivable: np.ndarray  # int, needs that can be deprived
-    mix_from: np.ndarray  # int: |zeta mix|^2 of the drive, entry by entry
-    mix_to: np.ndarray
-    mix_weight: np.ndarray
-    felt: np.ndarray  # (D,)
+    centre: Array  # (D,)
+    inverse: Array  # (D,) 1 / scale
+    scale: Array  # (D,)
+    low: Array  # (D,)
+    high: Array  # (D,)
+    unit: Array  # (D + 1,) of f's outputs
+    plain: Array  # int, components that are inputs as they are
+    angle: Array  # int, components that are inputs by cosine and sine
+    place: Array  # int (2,)
+    need: Array  # bool (D,)
+    deprivable: Array  # int, needs that can be deprived
+    mix_from: Array  # int: |zeta mix|^2 of the drive, entry by entry
+    mix_to: Array
+    mix_weight: Array
+    felt: Array  # (D,)
     epsilon: np.float32  # of the drive
     exponent: np.float32
     sharp: np.float32  # 1 / width^2 of a place cell
@@ -72,35 +74,35 @@ class Senses(NamedTuple):
 class Brains(NamedTuple):
     """What the n agents have become: a row of weights each."""
 
-    f: np.ndarray  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M (D + 1), H), b3
-    f_first: np.ndarray  # Adam's moments
-    f_second: np.ndarray
-    f_steps: np.ndarray  # int (n,)
-    J: np.ndarray  # (n, Q) the same with one output
-    J_first: np.ndarray
-    J_second: np.ndarray
-    J_steps: np.ndarray
-    target: np.ndarray  # (n, Q) J itself without a target network
-    cell_centre: np.ndarray  # (n, 2, C)
-    cell_count: np.ndarray  # int (n,)
+    f: Array  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M (D + 1), H), b3
+    f_first: Array  # Adam's moments
+    f_second: Array
+    f_steps: Array  # int (n,)
+    J: Array  # (n, Q) the same with one output
+    J_first: Array
+    J_second: Array
+    J_steps: Array
+    target: Array  # (n, Q) J itself without a target network
+    cell_centre: Array  # (n, 2, C)
+    cell_count: Array  # int (n,)
 
 
 class Ring(NamedTuple):
     """The memory of decisions, see `agents.memory`."""
 
-    zeta: np.ndarray
-    after: np.ndarray
-    duration: np.ndarray
-    movement: np.ndarray
-    open: np.ndarray
-    lived: np.ndarray  # (n,) decisions so far
+    zeta: Array
+    after: Array
+    duration: Array
+    movement: Array
+    open: Array
+    lived: Array  # (n,) decisions so far
 
 
 class Draws(NamedTuple):
     """How a batch is drawn, and the random numbers for it."""
 
-    uniform: np.ndarray  # (n, >= batch + batch_f + m D + m + m // 2)
-    normal: np.ndarray  # (n, m // 2, D)
+    uniform: Array  # (n, >= batch + batch_f + m D + m + m // 2)
+    normal: Array  # (n, m // 2, D)
     batch: int
     batch_f: int
     recent: int

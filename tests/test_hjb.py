@@ -129,7 +129,7 @@ HERE = np.array([[-0.5, -1.0, -0.2, -2.0, 0.3, 0.4, 3.2, 2.2, 0.7]], np.float32)
 
 def all_scores(learner: HJB, zeta: np.ndarray) -> np.ndarray:
     """Return the score of every movement (M,) at one state (1, D)."""
-    return learner._scores(np.zeros(1, np.int64), zeta, np.ones((1, learner.count), bool))[0]
+    return learner.device.scores(learner.brains, np.zeros(1, np.int64), zeta, np.ones((1, learner.count), bool))[0]
 
 
 def drive(zeta: np.ndarray) -> np.ndarray:
