@@ -111,6 +111,15 @@ class Learner(ABC):
         """Return -ln(gamma) J, drive units, (m,) at states (m, D), of the agent in `slot`, or None."""
         return None
 
+    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any] | None:
+        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open, or None.
+
+        Per movement (M,): names, open, next_drive (predicted), slope (dJ/dzeta . f), sum of the two, and
+        score, the least of which it takes. Besides J (-ln(gamma) J at zeta, drive units), gamma, and
+        error (D,), that of f per component: 0 is perfect, 1 as bad as predicting no change, NaN unknown.
+        """
+        return None
+
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the learner has become: arrays, and plain values that JSON holds."""
         return {}, {"rng": self.rng.bit_generator.state}

@@ -532,3 +532,60 @@ class HJB(Learner):
         raw = raw.reshape(len(zeta), self.count, self.components + 1) * self.senses.unit
         duration = raw[..., -1].clip(self.group.dt, kernels.LONGEST)
         return {"names": self.moves.names, "change": raw[..., :-1], "duration": duration}
+
+    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
+        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open.
+
+        See `Learner.decision`. Over a whole movement of duration tau, dJ/dzeta . f is the mean slope
+        (J(zeta') - J(zeta)) / tau; without `finite_difference`, the slope at zeta.
+        """
+        s, layout = self.settings, self.group.layout
+        told = self.predict(slot, zeta[None])
+        change, duration = told["change"][0], told["duration"][0]  # (M, D), (M,)
+        whole = s.finite_difference
+        step = duration if whole else np.full(len(duration), self.group.dt)
+        after = zeta + change * (step / duration)[:, None]
+        if whole:
+            angle = np.array(layout.kinds) == "angle"
+            after = np.clip(after, np.where(angle, -np.inf, layout.low), np.where(angle, np.inf, layout.high))
+        mix, felt, exponent = drive_terms(layout)
+
+        def drive(at: np.ndarray) -> np.ndarray:
+            return (np.square(at @ mix).sum(-1) + layout.epsilon) ** (exponent / 2) + at @ felt
+
+        here = float(self.deviation(slot, zeta[None])[0])
+        ahead = self.deviation(slot, after.astype(np.float32))
+        if whole:
+            slope = (ahead - here) / (-np.log(s.gamma) * step)
+        else:
+            slope = self.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
+        keep = s.gamma**duration
+        total = drive(after) + slope
+        return {
+            "names": self.moves.names,
+            "open": self.moves.open(mask[None])[0],
+            "next_drive": drive(after),
+            "slope": slope,
+            "sum": total,
+            "score": (1 - keep) * 0.5 * (drive(zeta) + drive(after)) + keep * ahead if whole else total,
+            "J": here,
+            "gamma": s.gamma,
+            "error": self._error(slot),
+        }
+
+    def _error(self, slot: int, last: int = 64) -> np.ndarray:
+        """Return the error of f per component over the `last` decisions, relative to the changes met, (D,)."""
+        memory, newest = self.memory, int(self.memory.count[slot])
+        at = np.arange(max(newest - min(last, memory.capacity), 0), newest) % memory.capacity
+        rows = self.device.on(at)
+        began, met, taken = (self.device.off(part[slot, rows]) for part in (memory.zeta, memory.after, memory.movement))
+        kept = taken >= 0
+        if kept.sum() < 2:
+            return np.full(self.components, np.nan)
+        change, taken = (met - began)[kept], taken[kept]
+        predicted = self.predict(slot, began[kept])["change"][np.arange(len(taken)), taken]
+        angle = np.array(self.group.layout.kinds) == "angle"
+        change[:, angle] = (change[:, angle] + np.pi) % (2 * np.pi) - np.pi
+        size = np.sqrt(np.square(change).mean(0))
+        error = np.sqrt(np.square(predicted - change).mean(0))
+        return np.divide(error, size, out=np.full(self.components, np.nan), where=size > 1e-9)

@@ -26,6 +26,7 @@ class ActionTable:
     consumes: Ints  # (A,) resource index, -1 without
     goes_to: Ints  # (A,) resource index, -1 without
     meets: Ints  # (A,) species index of whom it bites or gives to, -1 without
+    meeting: tuple[int, ...]  # the actions that meet someone
     bites: Bools  # (A,)
     reach: Floats  # (A,)
     chance: Floats  # (A,) of a bite, per unit of time
@@ -89,6 +90,7 @@ def compile_actions(
         consumes=np.array([r if a.kind == "consume" else -1 for a, r in zip(acts, resource, strict=True)], np.int64),
         goes_to=np.array([r if a.kind == "go_to" else -1 for a, r in zip(acts, resource, strict=True)], np.int64),
         meets=np.array([-1 if a.species is None else index[a.species] for a in acts], np.int64),
+        meeting=tuple(i for i, a in enumerate(acts) if a.species is not None),
         bites=np.array([a.kind == "bite" for a in acts]),
         reach=np.array([a.reach for a in acts], float),
         chance=np.array([a.chance for a in acts]),

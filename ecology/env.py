@@ -11,10 +11,9 @@ import gymnasium
 import numpy as np
 from pettingzoo import ParallelEnv
 
-from ecology import empathy, life, meetings, neighbours, physiology, resources, senses
+from ecology import empathy, kernels, life, meetings, neighbours, physiology, resources, senses
 from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
-from ecology.kernels import in_reach, inside_polygon
 from ecology.meetings import World
 from ecology.physics import Physics
 from ecology.plane import plane_of
@@ -114,7 +113,15 @@ class Ecology(ParallelEnv):
         self._solid = np.repeat([s.solid for s in species], counts)
         self._species_of = np.repeat(np.arange(len(species)), counts)
         self._looks = np.repeat([s.empathy is not None and s.empathy.sight for s in species], counts)
+        self._choices = np.repeat([len(s.actions) for s in species], counts)  # (N,)
+        self._nobody = np.full(self.size, -1)
         self._near = self._nearness()
+        self._meeting = any(s.crowding is not None or any(a.reach for a in s.actions) for s in species)
+        self._mortal = (
+            self._body.deadly
+            or scenario.rule is not None
+            or any(s.hazard is not None or any(a.kind == "bite" for a in s.actions) for s in species)
+        )
         self.groups: dict[str, Group] = {}
         for i, (s, rows, table, gaze) in enumerate(zip(species, blocks, self._tables, self._gazes, strict=True)):
             self.groups[s.name] = Group(
@@ -129,6 +136,7 @@ class Ecology(ParallelEnv):
                 durations=table.duration,
                 dt=self.dt,
             )
+        self._acting = tuple(zip(self.groups.values(), self._tables, strict=True))
         self._needs = {s.name: tuple(need.name for need in s.needs) for s in species}
         self.open_population = any(s.grows for s in species)
         if not self.open_population:  # with births there is no end of names: see ecology.fixed
@@ -136,6 +144,8 @@ class Ecology(ParallelEnv):
         self.agents: list[str] = []
         self._slots: dict[str, int] = {}  # of `agents`, by name
         self._state: State | None = None
+        self._picture: Any = None  # of `render`, drawn upon again and again
+        self._pairs: neighbours.Pairs | None = None
         self._seed = 0
 
     def _nearness(self) -> float:
@@ -237,7 +247,7 @@ class Ecology(ParallelEnv):
         # actions: what each body does, a closed action being replaced
         control, speed, direction, closed = self._decide(np.asarray(actions))
         # physics: bodies move and touch
-        way = np.stack([np.cos(direction), np.sin(direction)], axis=1) * speed[:, None]
+        way = kernels.velocities(direction, speed)
         state.position, returned = self._physics.move(state.position, way, self.dt, state.alive)
         state.returned += returned
         # meetings: bodies that eat from one stock share it; bites, gifts, crowding, the scenario's own rule
@@ -250,14 +260,13 @@ class Ecology(ParallelEnv):
         internal += received - given
         # births and deaths
         died = self._die(internal, killed, ruled)
-        alive = state.alive & ~died
-        kept = np.where(alive[:, None], physiology.clamp(body, internal), state.internal)
-        metabolised, lost = physiology.spent(state.internal, taken, internal, kept, state.alive)
-        state.metabolised, state.lost = state.metabolised + metabolised, state.lost + lost
         free = ~state.alive  # a slot rests for a tick before a newborn takes it
-        state.internal, state.alive = kept, alive
-        state.age = state.age + self.dt * alive
-        state.hold = np.maximum(state.hold - self.dt, 0.0) * (state.hold > 1.5 * self.dt)
+        for name in ("metabolised", "lost", "age", "hold"):
+            setattr(state, name, getattr(state, name).copy())  # what was handed out stays as it was
+        state.internal, state.alive = kernels.live(
+            state.alive, died, state.internal, taken, internal, body.low, body.high,
+            state.metabolised, state.lost, state.age, state.hold, self.dt,
+        )  # fmt: skip
         born, parent = self._bear(free)
         # resources: stocks regrow, come and go, move
         self._renew(eaten)
@@ -272,37 +281,20 @@ class Ecology(ParallelEnv):
         """Return u (N, V), speed (N,), direction (N,) and who asked for a closed action (N,)."""
         state = self._now()
         actions = self._checked(actions)
-        control = np.zeros_like(state.internal)
-        speed, direction = np.zeros(self.size), state.heading.copy()
-        closed = np.zeros(self.size, bool)
-        for group, table in zip(self.groups.values(), self._tables, strict=True):
-            rows = group.slots
-            mask, wanted = self._masks[group.name], actions[rows]
-            open_ = mask[np.arange(group.size), wanted]
-            alive = state.alive[rows]
-            closed[rows] = ~open_ & alive
-            # rest where it is open, else what the body is held to: a sleep, a committed go_to
-            fallback = np.where(mask[:, table.rest] | ~alive, table.rest, mask.argmax(axis=1))
-            action = np.where(open_, wanted, fallback)
-            begins = (table.duration[action] > 0) & ~table.bites[action] & (state.hold[rows] <= 0) & alive
-            state.hold[rows] = np.where(begins, table.duration[action], state.hold[rows])
-            state.action[rows] = action
-            control[rows] = table.control[action]
-            heading = senses.wrap(state.heading[rows] + table.turn[action] * self.dt)
-            pace = table.speed[action]
-            target = np.full(group.size, -1)
-            going = np.flatnonzero((table.goes_to[action] >= 0) & alive)
-            if going.size:
-                target[going] = self._toward[rows][going, table.goes_to[action[going]]]
-                gap = self._plane.gap(state.position[rows][going], state.resource_position[target[going]])
-                heading[going] = np.arctan2(gap[:, 1], gap[:, 0])
-                pace = pace.copy()
-                pace[going] = np.minimum(pace[going], np.hypot(gap[:, 0], gap[:, 1]) / self.dt)
-            state.bound_for[rows] = target
-            state.heading[rows] = np.where(alive, heading, state.heading[rows])
-            absolute = table.direction[action]
-            direction[rows] = np.where(np.isnan(absolute), state.heading[rows], absolute)
-            speed[rows] = np.where(alive, pace, 0.0)
+        control = np.empty_like(state.internal)
+        speed, direction, way = np.empty(self.size), np.empty(self.size), np.empty((self.size, 2))
+        closed = np.empty(self.size, bool)
+        going = 0
+        for group, table in self._acting:
+            going += kernels.decide(
+                actions, self._masks[group.name], group.slots.start, self.dt, state.alive, state.hold, state.action,
+                state.heading, state.bound_for, state.position, state.resource_position, self._toward,
+                self._plane.size, self._plane.torus, table.control, table.speed, table.turn, table.direction,
+                table.goes_to, table.duration, table.bites, table.rest, control, speed, direction, closed, way,
+            )  # fmt: skip
+        if going:
+            rows = np.flatnonzero(state.bound_for >= 0)
+            state.heading[rows] = direction[rows] = np.arctan2(way[rows, 1], way[rows, 0])
         state.closed += closed
         return control, speed, direction, closed
 
@@ -310,23 +302,17 @@ class Ecology(ParallelEnv):
         """Return u (N, V) with every consumption at its share, and what is eaten (N, V) and from what (R,)."""
         state, body = self._now(), self._body
         ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
-        source = np.full(self.size, -1)
-        for group, table in zip(self.groups.values(), self._tables, strict=True):
-            kind = table.consumes[state.action[group.slots]]
-            eats = np.flatnonzero((kind >= 0) & state.alive[group.slots])
-            source[group.slots.start + eats] = self._here[group.slots][eats, kind[eats]]
-            without = eats[self._here[group.slots][eats, kind[eats]] < 0]  # held to a meal that is gone
-            control[group.slots.start + without] = 0.0
-        eaters = np.flatnonzero(source >= 0)
-        if eaters.size:
-            rates = np.empty(control.shape)
-            for group, table in zip(self.groups.values(), self._tables, strict=True):
-                rates[group.slots] = table.intake[state.action[group.slots]]
-            wanted = resources.asked(rates[eaters], body.proportional[eaters], state.internal[eaters], self.dt)
+        wanted, total, source = np.zeros(control.shape), np.zeros(self.size), self._nobody.copy()
+        eaters = 0
+        for group, table in self._acting:
+            eaters += kernels.order_meals(
+                group.slots.start, group.size, self.dt, state.alive, state.action, self._here, state.internal,
+                body.proportional, table.consumes, table.intake, control, wanted, total, source,
+            )  # fmt: skip
+        if eaters:
             there = np.where(state.available, state.stock, 0.0)
-            part, eaten = resources.share(wanted.sum(axis=1), source[eaters], there)
-            ingested[eaters] = wanted * part[:, None]
-            control[eaters] *= part[:, None]
+            part, eaten = resources.share(total, source, there)
+            kernels.serve(wanted, source, part, control, ingested)
             state.ingested = state.ingested + ingested
             state.eaten = state.eaten + eaten
         return control, ingested, eaten
@@ -339,10 +325,12 @@ class Ecology(ParallelEnv):
         state, n = self._now(), self.size
         received, given = np.zeros(control.shape), np.zeros(control.shape)
         killed, ruled = np.zeros(n, bool), np.zeros(n, bool)
-        if self._near:
-            state.bit, state.gave = np.full(n, -1), np.full(n, -1)
+        if not self._meeting and self.scenario.rule is None:
+            return received, given, killed, ruled
+        if self._meeting:
+            state.bit, state.gave = self._nobody.copy(), self._nobody.copy()
             attackers, victims, chance = [], [], []
-            for group, table in zip(self.groups.values(), self._tables, strict=True):
+            for group, table in self._acting:
                 rows = group.slots
                 action = state.action[rows]
                 target = self._targets[group.name][np.arange(group.size), action]
@@ -383,7 +371,7 @@ class Ecology(ParallelEnv):
         """Write what successful bites (k,) come to into what is received and given (N, V) and who is killed (N,)."""
         state = self._now()
         state.bit[attacker] = victim
-        for group, table in zip(self.groups.values(), self._tables, strict=True):
+        for group, table in self._acting:
             mine = (attacker >= group.slots.start) & (attacker < group.slots.stop)
             who, whom = attacker[mine], victim[mine]
             act = state.action[who]
@@ -410,30 +398,32 @@ class Ecology(ParallelEnv):
         if self._plane.torus:
             return self._plane.home(position)
         state = self._now()
-        outside = ~inside_polygon(self._walls, position)
+        outside = ~kernels.inside_polygon(self._walls, position)
         state.returned += int(np.count_nonzero(outside & state.alive))
         return np.where(outside[:, None], state.position, position)
 
     def _die(self, internal: Floats, killed: Bools, ruled: Bools) -> Bools:
         """Return who dies in this tick, (N,), and note of what."""
         state, body = self._now(), self._body
-        of_need = physiology.fatal(body, internal) if body.deadly else np.zeros(self.size, bool)
+        died = np.zeros(self.size, bool)
+        if not self._mortal:
+            return died
+        of_need = physiology.fatal(body, internal) if body.deadly else died
         failed = np.zeros(self.size, bool)
         for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
             if species.hazard is not None:
                 failed[group.slots] = life.fails(species.hazard, state.age[group.slots], self.dt, self._rng["hazard"])
-        died = np.zeros(self.size, bool)
         for cause, who in (("eaten", killed), ("rule", ruled), ("need", of_need), ("hazard", failed)):
             new = who & state.alive & ~died
             if new.any():
                 state.cause = np.where(new, CAUSES.index(cause), state.cause)
-                died |= new
+                died = died | new
         return died
 
     def _bear(self, free: Bools) -> tuple[Bools, Ints]:
         """Let newborns take `free` slots (N,), and return who is born (N,) and the slot of each one's parent (N,)."""
         state, arena = self._now(), self.scenario.arena
-        born, parent = np.zeros(self.size, bool), np.full(self.size, -1)
+        born, parent = np.zeros(self.size, bool), self._nobody.copy()
         rng = self._rng["offspring"]
         for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
             if not species.grows:
@@ -508,16 +498,14 @@ class Ecology(ParallelEnv):
             raise EcologyError(
                 f"actions must be {self.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
             )
-        actions = np.where(self._now().alive, actions, 0)
-        for group in self.groups.values():
-            wanted = actions[group.slots]
-            if group.size and (wanted.min() < 0 or wanted.max() >= len(group.actions)):
-                bad = int(np.flatnonzero((wanted < 0) | (wanted >= len(group.actions)))[0])
-                raise EcologyError(
-                    f"the action of {self.name_of(group.slots.start + bad)} must be a whole number from 0 to "
-                    f"{len(group.actions) - 1}, got {int(wanted[bad])}."
-                )
-        return actions
+        found = np.where(self._now().alive, actions, 0).astype(np.int64)
+        bad = kernels.first_unknown(found, self._choices)
+        if bad >= 0:
+            raise EcologyError(
+                f"the action of {self.name_of(bad)} must be a whole number from 0 to {self._choices[bad] - 1}, "
+                f"got {int(actions[bad])}."
+            )
+        return found
 
     def _feel(self) -> None:
         """Renew what bodies feel and see: drive, reach, sight, neighbours and the action masks."""
@@ -530,7 +518,7 @@ class Ecology(ParallelEnv):
         )
         # others in reach and in sight
         self._pairs = pairs = (
-            neighbours.find(self._plane, state.position, state.alive, self._near) if self._near else None
+            neighbours.find(self._plane, state.position, state.alive, self._near, self._pairs) if self._near else None
         )
         self._targets = {
             group.name: self._aim(group, acts) for group, acts in zip(self.groups.values(), self._tables, strict=True)
@@ -538,7 +526,7 @@ class Ecology(ParallelEnv):
         # the drive, of oneself and of others
         delta = physiology.deviation(body, state.internal)
         last = state.drive, state.felt
-        state.own_drive = state.drive = physiology.drive(delta, body.epsilon, body.exponent)
+        state.own_drive = state.drive = physiology.drive(delta, body.epsilon, 1.0 if body.straight else body.exponent)
         for coupling in self._couplings:
             self._empathise(coupling, delta)
         if self._couplings:  # the dead feel what they felt last: to die is no relief
@@ -564,9 +552,9 @@ class Ecology(ParallelEnv):
         """Return whom bites and gifts would meet, slots (n, A), -1 nobody: the nearest in reach, no wall between."""
         targets = np.full((group.size, len(group.actions)), -1)
         pairs, state, eyes = self._pairs, self._now(), self._eyes
-        for a in np.flatnonzero(table.meets >= 0):
+        for a in table.meeting:
             assert pairs is not None
-            targets[:, a] = in_reach(
+            targets[:, a] = kernels.in_reach(
                 pairs.starts, pairs.other, pairs.distance, group.slots.start, group.size, table.reach[a],
                 table.meets[a], self._species_of, state.position, eyes.wall_from, eyes.wall_along, eyes.open,
             )  # fmt: skip
@@ -574,12 +562,8 @@ class Ecology(ParallelEnv):
 
     def _empathise(self, coupling: empathy.Coupling, delta: Floats) -> None:
         """Let the state of others enter the drive of one species."""
-        state, body, rows, pairs = self._now(), self._body, coupling.rows, self._pairs
-        seen = None
-        if coupling.empathy.sight and pairs is not None:
-            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
-        weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
-        felt = empathy.feel(coupling, weight, state, body)
+        state, body, rows = self._now(), self._body, coupling.rows
+        felt = empathy.feel(coupling, self._weigh(coupling), state, body)
         state.felt, state.drive = state.felt.copy(), state.drive.copy()
         state.felt[rows] = felt
         if coupling.empathy.form == "sum":
@@ -587,6 +571,13 @@ class Ecology(ParallelEnv):
         else:
             together = coupling.own * delta[rows] + felt
             state.drive[rows] = physiology.drive(together, body.epsilon[rows], body.exponent[rows])
+
+    def _weigh(self, coupling: empathy.Coupling) -> Floats:
+        """Return who of one species feels whom now and how much, (n, m)."""
+        state, pairs, seen = self._now(), self._pairs, None
+        if coupling.empathy.sight and pairs is not None:
+            seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
+        return empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
 
     def _look(
         self,
@@ -609,7 +600,7 @@ class Ecology(ParallelEnv):
             alive=state.alive,
             died=none if died is None else died,
             born=none if born is None else born,
-            parent=np.full(self.size, -1) if parent is None else parent,
+            parent=self._nobody.copy() if parent is None else parent,
             closed=none if closed is None else closed,
             action=state.action.copy(),
         )
@@ -618,6 +609,22 @@ class Ecology(ParallelEnv):
         if self._state is None:
             raise EcologyError("the world has not started: call reset before step.")
         return self._state
+
+    # ---- for those who watch ---------------------------------------------------------------
+
+    def sighted(self, slot: int) -> Ints:
+        """Return the slots of the others whom the agent in `slot` sees now, (k,); none where its species looks not."""
+        state, pairs = self._now(), self._pairs
+        if pairs is None or not self._looks[slot]:
+            return np.empty(0, np.int64)
+        looks = np.arange(self.size) == slot
+        return pairs.other[senses.sight(self._eyes, pairs, state.position, state.heading, looks)]
+
+    def coupling(self, species: str) -> tuple[Floats, Ints] | None:
+        """Return who of `species` feels whom now and how much, (n, m), and the m slots of those who may be felt."""
+        rows = self.groups[species].slots
+        found = [coupling for coupling in self._couplings if coupling.rows == rows]
+        return (self._weigh(found[0]), found[0].others) if found else None
 
     # ---- putting a world where one wants it ----------------------------------------------
 
@@ -826,9 +833,11 @@ class Ecology(ParallelEnv):
         """Return a picture of the world, uint8 (height, width, 3), for render_mode "rgb_array"."""
         if self.render_mode is None:
             return None
-        from ecology.observers.picture import draw  # loads the plotting library
+        from ecology.observers.picture import Picture, frame  # loads the plotting library
 
-        return draw(self.scenario, self._now().readonly())
+        if self._picture is None:
+            self._picture = Picture(self.scenario)
+        return self._picture.draw(frame(self.scenario, self._now().readonly()))
 
     def close(self) -> None:
         """Nothing to release."""

@@ -1,4 +1,4 @@
-"""Loops over pairs of bodies, compiled by Numba: what arrays alone would do many times over.
+"""Loops over bodies, pairs and patches, compiled by Numba: what arrays alone would do many times over.
 
 Compiled once per machine and kept beside this file (or in Numba's own cache where that cannot be written).
 """
@@ -26,12 +26,13 @@ def _way(a: float, b: float, size: float, torus: bool) -> float:
 
 @numba.njit(cache=True)
 def pairs_within(
-    points: Floats, low: Floats, size: Floats, torus: bool, radius: float
-) -> tuple[Ints, Ints, Floats, Floats]:
-    """Return who, other (P,), gap (P, 2) and distance (P,) of all pairs of points (n, 2) at most `radius` apart.
+    points: Floats, alive: Bools, low: Floats, size: Floats, torus: bool, radius: float, room: int
+) -> tuple[Ints, Ints, Floats, Floats, Ints]:
+    """Return who, other (P,), gap (P, 2) and distance (P,) of all pairs of living points (n, 2) at most `radius` apart.
 
-    By who, and for each the nearest first, ties by index. A grid of cells at least `radius` wide is searched; on a
-    torus the radius must be at most a third of the size, else every pair is looked at.
+    By who, and for each the nearest first, ties by index; with them where those of each start, (n + 1,). A grid of
+    cells at least `radius` wide is searched; on a torus the radius must be at most a third of the size, else every
+    pair is looked at. `room` is for how many pairs room is made at first.
     """
     n = len(points)
     nx = int(min(max(size[0] / radius, 1.0), math.sqrt(n) + 1.0))
@@ -39,26 +40,35 @@ def pairs_within(
     if torus and (nx < 3 or ny < 3):
         nx = ny = 1
     wx, wy = size[0] / nx, size[1] / ny
-    cell = np.empty((n, 2), np.int64)
+    # the points in the order of their cells, so that what lies near is read together
+    cell = np.full((n, 2), -1)
     start = np.zeros(nx * ny + 1, np.int64)
     for i in range(n):
-        cell[i, 0] = _cell(points[i, 0], low[0], wx, nx)
-        cell[i, 1] = _cell(points[i, 1], low[1], wy, ny)
-        start[cell[i, 0] * ny + cell[i, 1] + 1] += 1
+        if alive[i]:
+            cell[i, 0] = _cell(points[i, 0], low[0], wx, nx)
+            cell[i, 1] = _cell(points[i, 1], low[1], wy, ny)
+            start[cell[i, 0] * ny + cell[i, 1] + 1] += 1
     start = np.cumsum(start)
     fill = start[:-1].copy()
-    order = np.empty(n, np.int64)
+    order, x, y = np.empty(n, np.int64), np.empty(n), np.empty(n)
     for i in range(n):
-        c = cell[i, 0] * ny + cell[i, 1]
-        order[fill[c]] = i
-        fill[c] += 1
-    room = 16 * n + 16
-    who, other = np.empty(room, np.int64), np.empty(room, np.int64)
-    gap, distance = np.empty((room, 2)), np.empty(room)
+        if alive[i]:
+            c = cell[i, 0] * ny + cell[i, 1]
+            order[fill[c]], x[fill[c]], y[fill[c]] = i, points[i, 0], points[i, 1]
+            fill[c] += 1
+    starts = np.zeros(n + 1, np.int64)
+    who, other, gap, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
+    most = radius * radius * (1.0 + 1e-9)  # beyond it nobody needs a root
+    close, index = np.empty(n + 1), np.empty(n + 1, np.int64)  # of those near one
     reach_x, reach_y = (1 if nx > 1 else 0), (1 if ny > 1 else 0)
     p = 0
     for i in range(n):
         first = p
+        starts[i] = p
+        if not alive[i]:
+            continue
+        xi, yi = points[i, 0], points[i, 1]
+        found = 0
         for a in range(-reach_x, reach_x + 1):
             cx = cell[i, 0] + a
             if torus:
@@ -72,37 +82,61 @@ def pairs_within(
                 elif cy < 0 or cy >= ny:
                     continue
                 c = cx * ny + cy
-                for k in range(start[c], start[c + 1]):
-                    j = order[k]
-                    if j == i:
-                        continue
-                    dx = _way(points[i, 0], points[j, 0], size[0], torus)
-                    dy = _way(points[i, 1], points[j, 1], size[1], torus)
-                    d = math.sqrt(dx * dx + dy * dy)
-                    if d > radius:
-                        continue
-                    if p == room:
-                        room *= 2
-                        who, other = _longer(who, room), _longer(other, room)
-                        gap_, distance_ = np.empty((room, 2)), np.empty(room)
-                        gap_[:p], distance_[:p] = gap, distance
-                        gap, distance = gap_, distance_
-                    at = p  # insertion: the pairs of one are few
-                    while at > first and (distance[at - 1] > d or (distance[at - 1] == d and other[at - 1] > j)):
-                        distance[at], other[at] = distance[at - 1], other[at - 1]
-                        gap[at, 0], gap[at, 1] = gap[at - 1, 0], gap[at - 1, 1]
-                        at -= 1
-                    distance[at], other[at], gap[at, 0], gap[at, 1] = d, j, dx, dy
-                    who[p] = i
-                    p += 1
-    return who[:p].copy(), other[:p].copy(), gap[:p].copy(), distance[:p].copy()
+                for k in range(start[c], start[c + 1]):  # without a branch: about a third is near enough
+                    dx, dy = _way(xi, x[k], size[0], torus), _way(yi, y[k], size[1], torus)
+                    square = dx * dx + dy * dy
+                    close[found], index[found] = square, order[k]
+                    found += (square <= most) & (order[k] != i)
+        if p + found > room:
+            room = 2 * room + found
+            who, other, distance = _longer(who, room), _longer(other, room), _longer(distance, room)
+        for k in range(found):
+            d, j = math.sqrt(close[k]), index[k]
+            if d > radius:
+                continue
+            at = p  # insertion: the pairs of one are few
+            while at > first and (distance[at - 1] > d or (distance[at - 1] == d and other[at - 1] > j)):
+                distance[at], other[at] = distance[at - 1], other[at - 1]
+                at -= 1
+            distance[at], other[at], who[p] = d, j, i
+            p += 1
+        if room > len(gap):
+            gap_ = np.empty((room, 2))
+            gap_[:first] = gap[:first]
+            gap = gap_
+        for at in range(first, p):
+            gap[at, 0] = _way(xi, points[other[at], 0], size[0], torus)
+            gap[at, 1] = _way(yi, points[other[at], 1], size[1], torus)
+    starts[n] = p
+    return who[:p], other[:p], gap[:p], distance[:p], starts
 
 
 @numba.njit(cache=True)
-def _longer(values: Ints, room: int) -> Ints:
-    longer = np.empty(room, np.int64)
+def _longer(values: np.ndarray, room: int) -> np.ndarray:
+    longer = np.empty(room, values.dtype)
     longer[: len(values)] = values
     return longer
+
+
+@numba.njit(cache=True)
+def wrapped(angle: float) -> float:
+    """Return an angle of at most three half turns in [-pi, pi)."""
+    angle += math.pi
+    if angle >= 2 * math.pi:
+        angle -= 2 * math.pi
+    elif angle < 0.0:
+        angle += 2 * math.pi
+    return angle - math.pi
+
+
+@numba.njit(cache=True)
+def _crosses(ax: float, ay: float, ox: float, oy: float, bx: float, by: float) -> bool:
+    """Return whether t a = o + s b for some t and s in [0, 1]; o is where b starts, seen from where a starts."""
+    cross = ax * by - ay * bx
+    t, s = ox * by - oy * bx, ox * ay - oy * ax
+    if cross < 0:
+        cross, t, s = -cross, -t, -s
+    return cross > 0 and 0 <= t <= cross and 0 <= s <= cross
 
 
 @numba.njit(cache=True)
@@ -113,21 +147,56 @@ def clear_lines(start: Floats, end: Floats, wall_from: Floats, wall_along: Float
         ax, ay = end[m, 0] - start[m, 0], end[m, 1] - start[m, 1]
         for w in range(len(wall_from)):
             ox, oy = wall_from[w, 0] - start[m, 0], wall_from[w, 1] - start[m, 1]
-            bx, by = wall_along[w, 0], wall_along[w, 1]
-            # solve start + t along = wall_from + s wall with t and s in [0, 1]
-            cross = ax * by - ay * bx
-            t, s = ox * by - oy * bx, ox * ay - oy * ax
-            if cross < 0:
-                cross, t, s = -cross, -t, -s
-            if cross > 0 and 0 <= t <= cross and 0 <= s <= cross:
+            if _crosses(ax, ay, ox, oy, wall_along[w, 0], wall_along[w, 1]):
                 found[m] = False
                 break
     return found
 
 
 @numba.njit(cache=True)
+def _near_walls(place: Floats, far: float, wall_from: Floats, wall_along: Floats, near: Ints) -> int:
+    """Write the walls that may come nearer than `far` to a place into `near` (W,), and return how many they are."""
+    count = 0
+    far += 1e-9
+    x, y = place[0], place[1]
+    for w in range(len(wall_from)):
+        x1, y1 = wall_from[w, 0], wall_from[w, 1]
+        x2, y2 = x1 + wall_along[w, 0], y1 + wall_along[w, 1]
+        if min(x1, x2) <= x + far and max(x1, x2) >= x - far and min(y1, y2) <= y + far and max(y1, y2) >= y - far:
+            near[count] = w
+            count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def _hidden(start: Floats, end: Floats, wall_from: Floats, wall_along: Floats, near: Ints, count: int) -> bool:
+    """Return whether one of the first `count` walls of `near` lies between two places."""
+    ax, ay = end[0] - start[0], end[1] - start[1]
+    for at in range(count):
+        w = near[at]
+        if _crosses(ax, ay, wall_from[w, 0] - start[0], wall_from[w, 1] - start[1], wall_along[w, 0], wall_along[w, 1]):
+            return True
+    return False
+
+
+@numba.njit(cache=True)
+def _aside(dx: float, dy: float, d: float, heading: float, cos: float, sin: float, half: float, edge: float) -> bool:
+    """Return whether what lies at (dx, dy), d away, is out of the view angle; `cos`, `sin` are of the heading.
+
+    The angle itself is worked out only near the `edge`, cos(half), where rounding could decide.
+    """
+    ahead = dx * cos + dy * sin
+    if ahead > (edge + 1e-9) * d:
+        return False
+    if ahead < (edge - 1e-9) * d:
+        return True
+    turn = math.atan2(dy, dx) - heading
+    return abs((turn + math.pi) % (2 * math.pi) - math.pi) > half + 1e-12
+
+
+@numba.njit(cache=True)
 def in_view(
-    who: Ints,
+    starts: Ints,
     other: Ints,
     gap: Floats,
     distance: Floats,
@@ -140,26 +209,26 @@ def in_view(
     wall_along: Floats,
     open_: bool,
 ) -> Bools:
-    """Return which pairs (P,) are seen by `who` (N,): within angle and range of its view field, no wall between.
+    """Return which pairs (P,) are seen by those who look: within angle and range of the view field, no wall between.
 
-    `gap` (P, 2) and `distance` (P,) are the pairs'; `position`, `heading`, `looks`, `half_angle`, `range_` are by slot.
+    The pairs of slot i are those from `starts` (N + 1,) of i on, with `other` (P,), `gap` (P, 2) and `distance`
+    (P,); `position`, `heading`, `looks`, `half_angle`, `range_` are by slot.
     """
-    seen = np.zeros(len(who), np.bool_)
-    for p in range(len(who)):
-        i = who[p]
-        if not looks[i] or distance[p] > range_[i]:
+    seen = np.zeros(len(other), np.bool_)
+    near = np.empty(len(wall_from), np.int64)
+    for i in range(len(starts) - 1):
+        if not looks[i] or starts[i] == starts[i + 1]:
             continue
-        if half_angle[i] < math.pi:
-            turn = math.atan2(gap[p, 1], gap[p, 0]) - heading[i]
-            turn = (turn + math.pi) % (2 * math.pi) - math.pi
-            if abs(turn) > half_angle[i] + 1e-12:
+        cos, sin, edge = math.cos(heading[i]), math.sin(heading[i]), math.cos(half_angle[i])
+        walls = 0 if open_ else _near_walls(position[i], range_[i], wall_from, wall_along, near)
+        for p in range(starts[i], starts[i + 1]):
+            if distance[p] > range_[i]:
+                break
+            if half_angle[i] < math.pi and _aside(
+                gap[p, 0], gap[p, 1], distance[p], heading[i], cos, sin, half_angle[i], edge
+            ):
                 continue
-        if not open_:
-            j = other[p]
-            line = clear_lines(position[i : i + 1], position[j : j + 1], wall_from, wall_along)
-            if not line[0]:
-                continue
-        seen[p] = True
+            seen[p] = not _hidden(position[i], position[other[p]], wall_from, wall_along, near, walls)
     return seen
 
 
@@ -318,14 +387,20 @@ def nearest_seen(
     wall_from: Floats,
     wall_along: Floats,
     open_: bool,
-) -> Ints:
-    """Return the k nearest pairs that n slots from `first` on see, of the species `wanted` (S,): (n, k), -1 none.
+) -> tuple[Ints, Floats]:
+    """Return the k nearest pairs that n slots from `first` on see, of the species `wanted` (S,).
 
-    The pairs of slot i are those from `starts` (N + 1,) of i on; the rest as in `in_view`.
+    (n, k), -1 none, and the ways there, (2, n, k). The pairs of slot i are those from `starts` (N + 1,) of i on; the
+    rest as in `in_view`.
     """
-    found = np.full((n, k), -1)
+    found, way = np.full((n, k), -1), np.zeros((2, n, k))
+    near = np.empty(len(wall_from), np.int64)
     for row in range(n):
         i = first + row
+        if starts[i] == starts[i + 1]:
+            continue
+        cos, sin, edge = math.cos(heading[i]), math.sin(heading[i]), math.cos(half_angle[i])
+        walls = 0 if open_ else _near_walls(position[i], range_[i], wall_from, wall_along, near)
         have = 0
         for p in range(starts[i], starts[i + 1]):
             if distance[p] > range_[i] or have == k:
@@ -333,15 +408,99 @@ def nearest_seen(
             j = other[p]
             if not wanted[species_of[j]]:
                 continue
-            if half_angle[i] < math.pi:
-                turn = math.atan2(gap[p, 1], gap[p, 0]) - heading[i]
-                if abs((turn + math.pi) % (2 * math.pi) - math.pi) > half_angle[i] + 1e-12:
-                    continue
-            if not open_ and not clear_lines(position[i : i + 1], position[j : j + 1], wall_from, wall_along)[0]:
+            if half_angle[i] < math.pi and _aside(
+                gap[p, 0], gap[p, 1], distance[p], heading[i], cos, sin, half_angle[i], edge
+            ):
+                continue
+            if _hidden(position[i], position[j], wall_from, wall_along, near, walls):
                 continue
             found[row, have] = p
+            way[0, row, have], way[1, row, have] = gap[p, 0], gap[p, 1]
             have += 1
-    return found
+    return found, way
+
+
+@numba.njit(cache=True)
+def write_patches(
+    zeta: np.ndarray,
+    column: int,
+    far: float,
+    patch: Ints,
+    first: int,
+    position: Floats,
+    heading: Floats,
+    places: Floats,
+    size: Floats,
+    torus: bool,
+    full: bool,
+    stock: Floats,
+    capacity: Floats,
+) -> None:
+    """Write distance and bearing of the `patch` (N,) that each sees, -1 none, into zeta (n, D) from `column` on.
+
+    The rows of zeta are the slots from `first` on. Where its fullness is perceived, that too.
+    """
+    for row in range(len(zeta)):
+        i = first + row
+        r = patch[i]
+        if r < 0:
+            zeta[row, column] = far
+            continue
+        dx = _way(position[i, 0], places[r, 0], size[0], torus)
+        dy = _way(position[i, 1], places[r, 1], size[1], torus)
+        zeta[row, column] = min(math.hypot(dx, dy), far)
+        zeta[row, column + 1] = wrapped(math.atan2(dy, dx) - heading[i])
+        if full:
+            zeta[row, column + 2] = stock[r] / capacity[r]
+
+
+@numba.njit(cache=True)
+def write_others(
+    zeta: np.ndarray,
+    column: int,
+    far: float,
+    found: Ints,
+    angle: Floats,
+    other: Ints,
+    distance: Floats,
+    first: int,
+    heading: Floats,
+    with_heading: bool,
+    kind_of: Ints,
+    kinds: int,
+    species_of: Ints,
+    columns: Ints,
+    internal: Floats,
+    set_point: Floats,
+) -> None:
+    """Write what n slots from `first` on sense of others into zeta (n, D) from `column` on.
+
+    `found` (n, k) are the pairs, at `angle` (n, k); `kind_of` (S,) is the place of a species among the `kinds` that
+    are sensed, and `columns` (kinds, W) the needs that each lets others perceive, -1 without.
+    """
+    for row in range(len(found)):
+        i, c = first + row, column
+        for place in range(found.shape[1]):
+            p = found[row, place]
+            if p < 0:
+                zeta[row, c] = far
+            else:
+                j = other[p]
+                kind = kind_of[species_of[j]]
+                zeta[row, c] = distance[p]
+                zeta[row, c + 1] = wrapped(angle[row, place] - heading[i])
+                at = c + 2
+                if with_heading:
+                    zeta[row, at] = wrapped(heading[j] - heading[i])
+                    at += 1
+                if kinds > 1:
+                    zeta[row, at + kind] = 1.0
+                    at += kinds
+                for w in range(columns.shape[1]):
+                    need = columns[kind, w]
+                    if need >= 0:
+                        zeta[row, at + w] = internal[j, need] - set_point[j, need]
+            c += 2 + with_heading + (kinds if kinds > 1 else 0) + columns.shape[1]
 
 
 @numba.njit(cache=True)
@@ -373,3 +532,235 @@ def in_reach(
                 found[row] = j
                 break
     return found
+
+
+# ---- the tick: one call for what would be dozens of arrays ---------------------------------------
+
+
+@numba.njit(cache=True)
+def first_unknown(actions: Ints, counts: Ints) -> int:
+    """Return the first slot whose action (N,) is no index into its `counts` (N,) actions, -1: all are."""
+    for i in range(len(actions)):
+        if actions[i] < 0 or actions[i] >= counts[i]:
+            return i
+    return -1
+
+
+@numba.njit(cache=True)
+def decide(
+    wanted: Ints,
+    mask: Bools,
+    first: int,
+    dt: float,
+    alive: Bools,
+    hold: Floats,
+    action: Ints,
+    heading: Floats,
+    bound_for: Ints,
+    position: Floats,
+    patches: Floats,
+    toward: Ints,
+    size: Floats,
+    torus: bool,
+    acts_control: Floats,
+    acts_speed: Floats,
+    acts_turn: Floats,
+    acts_direction: Floats,
+    acts_goes_to: Ints,
+    acts_duration: Floats,
+    acts_bites: Bools,
+    rest: int,
+    control: Floats,
+    speed: Floats,
+    direction: Floats,
+    closed: Bools,
+    way: Floats,
+) -> int:
+    """Write what n slots of one species, from `first` on, do, and return how many go to a patch.
+
+    `wanted` (N,) are actions, of which the `mask` (n, A) lets some be. Written, by slot: `hold`, `action`, `heading`,
+    `bound_for`; `control` (N, V), `speed`, `direction` and `closed` (N,); `way` (N, 2) to the patch that a body goes
+    to, whose heading and direction are left to the caller.
+    """
+    going = 0
+    for row in range(len(mask)):
+        i = first + row
+        a = wanted[i]
+        open_ = mask[row, a]
+        closed[i] = alive[i] and not open_
+        if not open_:  # rest where it is open, else what the body is held to: a sleep, a committed go_to
+            a = rest if mask[row, rest] or not alive[i] else np.argmax(mask[row])
+        action[i] = a
+        control[i] = acts_control[a]
+        bound_for[i] = -1
+        if not alive[i]:
+            speed[i], direction[i] = 0.0, heading[i] if np.isnan(acts_direction[a]) else acts_direction[a]
+            continue
+        if acts_duration[a] > 0 and not acts_bites[a] and hold[i] <= 0:
+            hold[i] = acts_duration[a]
+        speed[i] = acts_speed[a]
+        if acts_goes_to[a] >= 0:
+            r = toward[i, acts_goes_to[a]]
+            bound_for[i] = r
+            way[i, 0] = _way(position[i, 0], patches[r, 0], size[0], torus)
+            way[i, 1] = _way(position[i, 1], patches[r, 1], size[1], torus)
+            speed[i] = min(speed[i], math.hypot(way[i, 0], way[i, 1]) / dt)
+            going += 1
+        else:
+            heading[i] = (heading[i] + acts_turn[a] * dt + math.pi) % (2 * math.pi) - math.pi
+        direction[i] = heading[i] if np.isnan(acts_direction[a]) else acts_direction[a]
+    return going
+
+
+@numba.njit(cache=True)
+def velocities(direction: Floats, speed: Floats) -> Floats:
+    """Return the velocity (n, 2) of each direction and speed (n,)."""
+    found = np.empty((len(speed), 2))
+    for i in range(len(speed)):
+        found[i, 0], found[i, 1] = math.cos(direction[i]) * speed[i], math.sin(direction[i]) * speed[i]
+    return found
+
+
+@numba.njit(cache=True)
+def fastest(velocity: Floats) -> float:
+    """Return the greatest speed among velocities (n, 2)."""
+    most = 0.0
+    for i in range(len(velocity)):
+        most = max(most, velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1])
+    return math.sqrt(most)
+
+
+@numba.njit(cache=True)
+def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float) -> None:
+    """Write position, no velocity and the force that gives unit masses their `velocity` (n, 2) in h, (>= n, 6)."""
+    for i in range(len(position)):
+        command[i, 0], command[i, 1] = position[i, 0], position[i, 1]
+        command[i, 2], command[i, 3] = 0.0, 0.0
+        command[i, 4], command[i, 5] = velocity[i, 0] / h, velocity[i, 1] / h
+
+
+@numba.njit(cache=True)
+def glide(moved: Floats, n: int, h: float) -> Floats:
+    """Return where n bodies of rows (>= n, 4), position and velocity, are after h, (n, 2)."""
+    found = np.empty((n, 2))
+    for i in range(n):
+        found[i, 0], found[i, 1] = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
+    return found
+
+
+@numba.njit(cache=True)
+def keep_inside(vertices: Floats, after: Floats, before: Floats) -> int:
+    """Put points `after` (n, 2) that are not strictly inside the polygon (W, 2) back to `before`; return how many."""
+    inside = inside_polygon(vertices, after)
+    count = 0
+    for i in range(len(after)):
+        if not inside[i]:
+            after[i, 0], after[i, 1] = before[i, 0], before[i, 1]
+            count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def order_meals(
+    first: int,
+    n: int,
+    dt: float,
+    alive: Bools,
+    action: Ints,
+    here: Ints,
+    internal: Floats,
+    proportional: Bools,
+    acts_consumes: Ints,
+    acts_intake: Floats,
+    control: Floats,
+    wanted: Floats,
+    total: Floats,
+    source: Ints,
+) -> int:
+    """Write what n slots of one species, from `first` on, ask of a patch in a tick, and return how many do.
+
+    `wanted` (N, V) and its `total` (N,) are in units of intake, `source` (N,) is the patch, -1 none; who is held to a
+    meal that is gone gets no `control` (N, V). A proportional need's control multiplies x, so it asks for u x dt.
+    """
+    eaters = 0
+    for i in range(first, first + n):
+        kind = acts_consumes[action[i]]
+        if kind < 0 or not alive[i]:
+            continue
+        if here[i, kind] < 0:
+            control[i] = 0.0
+            continue
+        eaters += 1
+        source[i] = here[i, kind]
+        for v in range(internal.shape[1]):
+            asked = acts_intake[action[i], v]
+            if proportional[i, v]:
+                asked *= internal[i, v]
+            wanted[i, v] = max(asked, 0.0) * dt
+            total[i] += wanted[i, v]
+    return eaters
+
+
+@numba.njit(cache=True)
+def share(wanted: Floats, source: Ints, stock: Floats, crumb: float) -> tuple[Floats, Floats]:
+    """Return the share of what it asks for that each body gets (n,), and what leaves each stock (R,).
+
+    See `resources.share`; a body without a source, -1, gets nothing.
+    """
+    eaten, part, given = np.zeros(len(stock)), np.ones(len(stock)), np.zeros(len(wanted))
+    for i in range(len(wanted)):
+        if source[i] >= 0:
+            eaten[source[i]] += wanted[i]
+    for r in range(len(stock)):
+        if eaten[r] > 0 and eaten[r] >= stock[r] * (1 - crumb):
+            part[r] = stock[r] / eaten[r]
+            eaten[r] = stock[r]
+    for i in range(len(wanted)):
+        if source[i] >= 0:
+            given[i] = part[source[i]]
+    return given, eaten
+
+
+@numba.njit(cache=True)
+def serve(wanted: Floats, source: Ints, part: Floats, control: Floats, ingested: Floats) -> None:
+    """Write `control`, `ingested` (N, V) of those with a `source` (N,), who have their `part` of what is `wanted`."""
+    for i in range(len(source)):
+        if source[i] >= 0:
+            for v in range(wanted.shape[1]):
+                ingested[i, v] = wanted[i, v] * part[i]
+                control[i, v] *= part[i]
+
+
+@numba.njit(cache=True)
+def live(
+    alive: Bools,
+    died: Bools,
+    before: Floats,
+    taken: Floats,
+    after: Floats,
+    low: Floats,
+    high: Floats,
+    metabolised: Floats,
+    lost: Floats,
+    age: Floats,
+    hold: Floats,
+    dt: float,
+) -> tuple[Floats, Bools]:
+    """Return x (N, V) kept within its bounds, the organism's automatic regulation, and who lives on (N,).
+
+    x goes from `before` to `after` by f and g and what was `taken` from outside; one that dies, or is dead, keeps
+    what it was. Written: `metabolised` and `lost` (N, V), before + taken - metabolised - lost = kept; `age`, `hold`.
+    """
+    kept, lives = before.copy(), np.empty(len(alive), np.bool_)
+    for i in range(len(alive)):
+        lives[i] = alive[i] and not died[i]
+        if alive[i]:
+            for v in range(before.shape[1]):
+                if lives[i]:
+                    kept[i, v] = min(max(after[i, v], low[i, v]), high[i, v])
+                metabolised[i, v] += before[i, v] + taken[i, v] - after[i, v]
+                lost[i, v] += after[i, v] - kept[i, v]
+        if lives[i]:
+            age[i] += dt
+        hold[i] = max(hold[i] - dt, 0.0) if hold[i] > 1.5 * dt else 0.0
+    return kept, lives

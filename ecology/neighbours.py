@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ecology.kernels import pairs_within
 from ecology.plane import Plane
 from ecology.state import Bools, Floats, Ints
@@ -22,13 +20,11 @@ class Pairs:
     starts: Ints  # (N + 1,) first pair of every slot
 
 
-def find(plane: Plane, position: Floats, alive: Bools, radius: float) -> Pairs:
+def find(plane: Plane, position: Floats, alive: Bools, radius: float, last: Pairs | None = None) -> Pairs:
     """Return all pairs of living slots (N,) whose centres are at most `radius` apart.
 
-    The cost grows with the pairs, not with N squared, as long as the radius is small in the arena.
+    The cost grows with the pairs, not with N squared, as long as the radius is small in the arena. There are about as
+    many as the `last` time.
     """
-    slots = np.flatnonzero(alive)
-    who, other, gap, distance = pairs_within(position[slots], plane.low, plane.size, plane.torus, radius)
-    if len(slots) < len(alive):
-        who, other = slots[who], slots[other]
-    return Pairs(who, other, gap, distance, np.searchsorted(who, np.arange(len(alive) + 1)))
+    room = 16 + (16 * len(alive) if last is None else len(last.who) * 9 // 8)
+    return Pairs(*pairs_within(position, alive, plane.low, plane.size, plane.torus, radius, room))

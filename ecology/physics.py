@@ -14,7 +14,7 @@ import numpy as np
 import pymunk
 import pymunk.batch
 
-from ecology.kernels import inside_polygon
+from ecology.kernels import command_bodies, fastest, glide, keep_inside
 from ecology.plane import plane_of
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
@@ -74,9 +74,10 @@ class Physics:
 
     def _touch(self, slots: np.ndarray, alive: Bools) -> None:
         """Let the bodies of `slots` collide where `alive` (len(slots),), and pass through all else."""
-        for slot, there in zip(slots.tolist(), alive.tolist(), strict=True):
-            own, others = (SOLID, SOLID | WALLS) if self.solid[slot] else (GHOST, WALLS)
-            self.shapes[slot].filter = pymunk.ShapeFilter(categories=own, mask=others if there else 0)
+        touching = [pymunk.ShapeFilter(categories=GHOST, mask=WALLS), pymunk.ShapeFilter(0, SOLID, SOLID | WALLS)]
+        nothing = pymunk.ShapeFilter(mask=0)
+        for slot, solid, there in zip(slots.tolist(), self.solid[slots].tolist(), alive.tolist(), strict=True):
+            self.shapes[slot].filter = touching[solid] if there else nothing
 
     def move(self, position: Floats, velocity: Floats, dt: float, alive: Bools | None = None) -> tuple[Floats, int]:
         """Return positions (N, 2) after `dt` at the commanded `velocity` (N, 2), and the count put back.
@@ -94,34 +95,27 @@ class Physics:
         after = self._solve(position, velocity, alive, dt)
         if self.plane.torus:
             return self.plane.home(after), 0
-        outside = ~inside_polygon(self.vertices, after)
-        count = int(np.count_nonzero(outside))
-        if count:
-            after[outside] = position[outside]
-        return after, count
+        return after, keep_inside(self.vertices, after, position)
 
     def _solve(self, position: Floats, velocity: Floats, alive: Bools, dt: float) -> Floats:
         changed = np.flatnonzero(alive != self._alive)
         if changed.size:
             self._touch(changed, alive[changed])
             self._alive = alive.copy()
-        fastest = math.sqrt(float(np.max(np.einsum("ij,ij->i", velocity, velocity)))) if self.count else 0.0
-        substeps = max(1, math.ceil(fastest * dt / self.smallest - 1e-9))
+        substeps = max(1, math.ceil(fastest(velocity) * dt / self.smallest - 1e-9))
         h = dt / substeps
-        command, buffer, space, n = self._command, self._buffer, self.space, self.count
+        buffer, space = self._buffer, self.space
         space.collision_bias = 0.8 ** (1.0 / h)  # a fifth of an overlap goes in one; more throws crowds about
         after = position
         for _ in range(substeps):
-            command[:n, 0:2] = after
-            command[:n, 2:4] = 0.0
-            command[:n, 4:6] = velocity / h  # force for unit mass; damping has removed the rest
-            buffer.set_float_buf(command)
+            command_bodies(self._command, after, velocity, h)  # damping has removed the velocity before
+            buffer.set_float_buf(self._command)
             pymunk.batch.set_space_bodies(space, COMMAND, buffer)
             space.step(h)
             buffer.clear()
             pymunk.batch.get_space_bodies(space, MOVE, buffer)
-            moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)[:n]
-            after = moved[:, 0:2] + moved[:, 2:4] * h
+            moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)
+            after = glide(moved, self.count, h)
         return after
 
     def memory(self) -> dict[str, np.ndarray]:

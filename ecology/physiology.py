@@ -34,6 +34,7 @@ class Body:
     regulated: Floats  # (n, V) 1 where the deviation counts in the drive
     epsilon: Floats  # (n,) of the drive
     exponent: Floats  # (n,) of the drive
+    straight: bool  # whether every exponent is 1
     varies: bool  # whether any season or ageing is at work
     leaks: bool  # whether any rate is proportional to x
     noisy: bool
@@ -71,6 +72,7 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
         regulated=rows(lambda need: need.regulated),
         epsilon=np.repeat([s.drive_epsilon for s in species], [s.slots for s in species]),
         exponent=np.repeat([s.drive_exponent for s in species], [s.slots for s in species]),
+        straight=all(s.drive_exponent == 1.0 for s in species),
         varies=bool(frequency.any() or ageing.any()),
         leaks=bool(leak.any() or proportional.any()),
         noisy=bool(noise.any()),
@@ -81,6 +83,8 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
 def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0) -> Floats:
     """Return d(delta) = (epsilon + delta . delta) ^ (exponent / 2), (...) for delta (..., V)."""
     root = np.sqrt(epsilon + np.einsum("...v,...v->...", delta, delta))
+    if isinstance(exponent, float) and exponent == 1.0:
+        return root
     return root if np.all(exponent == 1.0) else root**exponent
 
 
@@ -127,17 +131,6 @@ def advance(
 def clamp(body: Body, internal: Floats) -> Floats:
     """Return x kept within its bounds: the organism's automatic regulation, (n, V)."""
     return np.minimum(np.maximum(internal, body.low), body.high)
-
-
-def spent(internal: Floats, taken: Floats, after: Floats, kept: Floats, alive: Bools) -> tuple[Floats, Floats]:
-    """Return what the bodies alive (n,) at the start of a tick metabolised and what they lost, both (n, V).
-
-    x goes from `internal` to `after` by f and g, in which `taken` came in from outside (eaten, received,
-    less what was given), and is `kept` after clamping; a body that dies keeps what it was.
-    kept = internal + taken - metabolised - lost.
-    """
-    living = alive[:, None]
-    return (internal + taken - after) * living, (after - kept) * living
 
 
 def fatal(body: Body, internal: Floats) -> Bools:

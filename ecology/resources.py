@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ecology.kernels import inside_polygon
+from ecology import kernels
 from ecology.life import scatter
 from ecology.plane import plane_of
 from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource
@@ -44,6 +44,7 @@ class ResourceTable:
     drifts: Ints  # (D,) resources that drift
     spread: Floats  # (D,) length per square root of a unit of time
     relocates: Bools  # (R,)
+    seasonal: bool  # whether any growth has a season
     finite: bool  # whether any stock can be short
     uncertain: bool  # whether any is not always available
     constant: bool  # whether all are unlimited, always available and stay where they are
@@ -86,6 +87,7 @@ def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
         drifts=np.array([i for i, _ in drifts], np.int64),
         spread=np.array([m.spread for _, m in drifts], float),
         relocates=np.array([isinstance(r.motion, Relocation) for r in resources], bool),
+        seasonal=any(r.growth is not None and r.growth.season is not None for r in resources),
         finite=finite,
         uncertain=uncertain,
         constant=not (finite or uncertain or swings or drifts),
@@ -95,25 +97,13 @@ def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
 # ---- eating --------------------------------------------------------------------------------
 
 
-def asked(intake: Floats, proportional: Bools, internal: Floats, dt: float) -> Floats:
-    """Return what bodies ask of their resource in a tick, per need, units of intake (n, V).
-
-    `intake` (n, V) is the part of the control that feeds, per unit of time; a proportional need's
-    control multiplies x (`internal`), so it asks for u x dt.
-    """
-    return np.maximum(np.where(proportional, intake * internal, intake), 0.0) * dt
-
-
 def share(wanted: Floats, source: Ints, stock: Floats) -> tuple[Floats, Floats]:
     """Return the share of what it asks for that each body gets (n,), and what leaves each stock (R,).
 
     `wanted` (n,) units asked of the resource `source` (n,). Where a stock is short, it is divided
     in proportion to what is asked and is empty afterwards, exactly.
     """
-    total = np.bincount(source, wanted, minlength=len(stock))
-    short = (total > 0) & (total >= stock * (1 - CRUMB))
-    part = np.divide(stock, total, out=np.ones_like(total), where=short)
-    return part[source], np.where(short, stock, total)
+    return kernels.share(wanted, source, stock, CRUMB)
 
 
 # ---- growing -------------------------------------------------------------------------------
@@ -121,6 +111,8 @@ def share(wanted: Floats, source: Ints, stock: Floats) -> tuple[Floats, Floats]:
 
 def season_time(table: ResourceTable, time: float, dt: float) -> Floats:
     """Return the integral of 1 + amplitude sin(2 pi t / period + phase) from `time` over dt, (R,)."""
+    if not table.seasonal:
+        return np.full(len(table.kind), dt)
     angle = table.frequency * time + table.phase
     wave = np.cos(angle) - np.cos(angle + table.frequency * dt)
     return dt + np.divide(table.amplitude * wave, table.frequency, out=np.zeros_like(wave), where=table.frequency > 0)
@@ -230,7 +222,7 @@ def reflect(vertices: Floats, start: Floats, step: Floats) -> Floats:
         normal = np.array([-wall[hit, 1], wall[hit, 0]]) / np.hypot(*wall[hit])
         here, last = here + t[hit] * along, hit
         there = there - 2.0 * ((there - here) @ normal) * normal
-    return there if inside_polygon(vertices, there[None])[0] else start
+    return there if kernels.inside_polygon(vertices, there[None])[0] else start
 
 
 def relocate(

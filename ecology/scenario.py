@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import Rule
 from ecology.senses import SENSES, layout
 from ecology.spec import Action, Arena, Oscillation, Relocation, Resource, Species, require
+from ecology.state import State
 
 SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
 FARTHEST = 200  # radii that a body moves in one tick at most: as many substeps as physics takes
@@ -27,6 +28,7 @@ class Scenario:
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
     rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
+    measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
 
     def __post_init__(self) -> None:
@@ -53,6 +55,11 @@ class Scenario:
             f"{owner}: at least one agent; every species has the count 0 and no arrivals.",
         )
         require(self.rule is None or callable(self.rule), f"{owner}: rule must be a function, got {self.rule!r}.")
+        for name, measure in self.measures.items():
+            require(
+                isinstance(name, str) and bool(name) and callable(measure),
+                f"{owner}: measures are functions of the state by name, got {name!r}: {measure!r}.",
+            )
         for species in self.species:
             self._check_needs_named(species)
             self._check_others(species)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ecology.empathy import own_weights
-from ecology.kernels import around, clear_lines, in_view, nearest_seen
+from ecology.kernels import around, clear_lines, in_view, nearest_seen, write_others, write_patches
 from ecology.neighbours import Pairs
 from ecology.physiology import Body
 from ecology.plane import Plane, plane_of
@@ -130,9 +130,11 @@ class Gaze:
     rows: slice
     layout: Layout
     far: float
-    sees: Ints  # (Q,) resource indices
-    full: Bools  # (Q,) whether its fullness is perceived
-    neighbours: tuple[tuple[Neighbours, Ints, Ints], ...]  # with species sensed (S,), columns opened (S, W), -1 without
+    felt_to: tuple[int, ...]  # columns of what is felt
+    sees: tuple[int, ...]  # resource indices
+    full: tuple[bool, ...]  # whether the fullness of each is perceived
+    neighbours: tuple[tuple[Neighbours, Ints, Ints], ...]  # with the place of each species (S,) among the kinds that
+    # are sensed, -1 without, and the columns that each of these opens (kinds, W), -1 without
 
 
 def compile_gaze(
@@ -140,22 +142,24 @@ def compile_gaze(
 ) -> Gaze:
     """Return the constants of what the slots `rows` of `species` perceive."""
     names = [r.name for r in resources]
-    sees = np.array([names.index(name) for name in species.sees], np.int64)
+    sees = tuple(names.index(name) for name in species.sees)
+    its = layout(species, arena, resources, everyone)
     found = []
     for sensed in species.neighbours:
         kinds = _sensed(sensed, everyone)
         columns = [
             [[n.name for n in s.needs].index(name) if name in s.opens else -1 for name in _opened(kinds)] for s in kinds
         ]
-        index = np.array([everyone.index(s) for s in kinds], np.int64)
-        found.append((sensed, index, np.array(columns, np.int64).reshape(len(kinds), -1)))
+        kind_of = np.array([kinds.index(s) if s in kinds else -1 for s in everyone], np.int64)
+        found.append((sensed, kind_of, np.array(columns, np.int64).reshape(len(kinds), -1)))
     return Gaze(
         species=species,
         rows=rows,
-        layout=layout(species, arena, resources, everyone),
+        layout=its,
         far=farthest(species, plane_of(arena)),
+        felt_to=tuple(max(int(to), 0) for to, kind in zip(its.felt_to, its.kinds, strict=True) if kind == "felt"),
         sees=sees,
-        full=np.array([math.isfinite(resources[i].most) for i in sees], bool),
+        full=tuple(math.isfinite(resources[i].most) for i in sees),
         neighbours=tuple(found),
     )
 
@@ -180,31 +184,27 @@ def observe(gaze: Gaze, state: State, around: Surroundings, day: float | None) -
     zeta = np.zeros((n, len(gaze.layout.names)), np.float32)
     zeta[:, :width] = state.internal[rows, :width] - around.body.set_point[rows, :width]
     column = width
-    for to in gaze.layout.felt_to[[kind == "felt" for kind in gaze.layout.kinds]]:
-        zeta[:, column] = state.felt[rows, max(to, 0)]
+    for to in gaze.felt_to:
+        zeta[:, column] = state.felt[rows, to]
         column += 1
-    heading = state.heading[rows]
     for sense in species.senses:
         if sense == "position":
             zeta[:, column : column + 2] = state.position[rows]
         elif sense == "heading":
-            zeta[:, column] = heading
+            zeta[:, column] = state.heading[rows]
         elif sense == "clock":
             angle = 2 * math.pi * state.time / (day or 1.0)
             zeta[:, column : column + 2] = (math.cos(angle), math.sin(angle))
         column += SENSES[sense]
+    plane = around.plane
     for kind, full in zip(gaze.sees, gaze.full, strict=True):
-        patch = around.nearest_patch[rows, kind]
-        who = np.flatnonzero(patch >= 0)
-        gap = around.plane.gap(state.position[rows][who], state.resource_position[patch[who]])
-        zeta[:, column] = gaze.far
-        zeta[who, column] = np.minimum(np.hypot(gap[:, 0], gap[:, 1]), gaze.far)
-        zeta[who, column + 1] = wrap(np.arctan2(gap[:, 1], gap[:, 0]) - heading[who])
-        if full:
-            zeta[who, column + 2] = state.stock[patch[who]] / around.table.capacity[patch[who]]
+        write_patches(
+            zeta, column, gaze.far, around.nearest_patch[:, kind], rows.start, state.position, state.heading,
+            state.resource_position, plane.size, plane.torus, full, state.stock, around.table.capacity,
+        )  # fmt: skip
         column += 2 + full
-    for sensed, kinds, columns in gaze.neighbours:
-        column = _observe_others(zeta, column, gaze, state, around, sensed, kinds, columns)
+    for sensed, kind_of, columns in gaze.neighbours:
+        column = _observe_others(zeta, column, gaze, state, around, sensed, kind_of, columns)
     return zeta
 
 
@@ -215,43 +215,24 @@ def _observe_others(
     state: State,
     around: Surroundings,
     sensed: Neighbours,
-    kinds: Ints,
+    kind_of: Ints,
     columns: Ints,
 ) -> int:
     """Write what is sensed of others into zeta (n, D) from `column` on, and return the column after it."""
-    pairs, eyes = around.pairs, around.eyes
+    pairs, eyes, kinds = around.pairs, around.eyes, len(columns)
     assert pairs is not None
     n = len(zeta)
-    index = np.full(1 + int(max(kinds.max(), around.species_of[-1])), -1)
-    index[kinds] = np.arange(len(kinds))
-    found = nearest_seen(
-        pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, index >= 0,
+    found, way = nearest_seen(
+        pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, kind_of >= 0,
         around.species_of, state.position, state.heading, eyes.half_angle, eyes.range, eyes.wall_from,
         eyes.wall_along, eyes.open,
-    )  # (n, k)  # fmt: skip
-    each = 2 + sensed.heading + (len(kinds) if len(kinds) > 1 else 0) + columns.shape[1]
-    block = zeta[:, column : column + each * sensed.count].reshape(n, sensed.count, each)
-    block[..., 0] = gaze.far
-    row, place = np.nonzero(found >= 0)
-    if row.size:
-        at = found[row, place]
-        who, other = pairs.who[at], pairs.other[at]
-        block[row, place, 0] = pairs.distance[at]
-        block[row, place, 1] = wrap(np.arctan2(pairs.gap[at, 1], pairs.gap[at, 0]) - state.heading[who])
-        c = 2
-        if sensed.heading:
-            block[row, place, c] = wrap(state.heading[other] - state.heading[who])
-            c += 1
-        kind = index[around.species_of[other]]
-        if len(kinds) > 1:
-            block[row, place, c + kind] = 1.0
-            c += len(kinds)
-        for w in range(columns.shape[1]):
-            need = columns[kind, w]
-            delta = state.internal[other, need] - around.body.set_point[other, need]
-            block[row, place, c + w] = np.where(need >= 0, delta, 0.0)
-    zeta[:, column : column + each * sensed.count] = block.reshape(n, each * sensed.count)
-    return column + each * sensed.count
+    )  # fmt: skip
+    angle = np.arctan2(way[1], way[0])  # (n, k)
+    write_others(
+        zeta, column, gaze.far, found, angle, pairs.other, pairs.distance, gaze.rows.start, state.heading,
+        sensed.heading, kind_of, kinds, around.species_of, columns, state.internal, around.body.set_point,
+    )  # fmt: skip
+    return column + sensed.count * (2 + sensed.heading + (kinds if kinds > 1 else 0) + columns.shape[1])
 
 
 @dataclass(frozen=True)
@@ -314,6 +295,6 @@ def find_patches(
 def sight(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
     """Return which pairs (P,) are seen by `who`: within its view field, no wall between; `looks` (N,) are who look."""
     return in_view(
-        pairs.who, pairs.other, pairs.gap, pairs.distance, position, heading, looks,
+        pairs.starts, pairs.other, pairs.gap, pairs.distance, position, heading, looks,
         eyes.half_angle, eyes.range, eyes.wall_from, eyes.wall_along, eyes.open,
     )  # fmt: skip

@@ -51,6 +51,7 @@ class Plan:
     device: str = "cpu"
     record: bool = True  # whether metrics and a recording are written
     record_every: int = RECORD_EVERY  # ticks between two rows of an agent
+    record_detail: str = "auto"  # of the recording: full, lean, or by the number of agents
     checkpoint_every: int = CHECKPOINT_EVERY  # ticks
     keep_every: int = 0  # ticks between two checkpoints that are kept for good; 0 keeps none
     forked: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # of which run, when, and what was changed
@@ -93,6 +94,7 @@ PLAIN = {  # keys of config.toml that are not tables, and what they are
     "device": str,
     "record": bool,
     "record_every": int,
+    "record_detail": str,
     "checkpoint_every": int,
     "keep_every": int,
 }
@@ -188,6 +190,8 @@ def resolve(
     for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1), ("keep_every", 0)):
         if getattr(plan, key) < low:
             raise EcologyError(f"{key} must be a whole number of at least {low}, got {getattr(plan, key)!r}.")
+    if plan.record_detail not in ("auto", "full", "lean"):
+        raise EcologyError(f"record_detail is auto, full or lean, got {plan.record_detail!r}.")
     return plan
 
 

@@ -20,6 +20,7 @@ from agents import checkpoint, loop
 from agents.base import DivergedError
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.observers.base import Mind, Observer
+from ecology.state import CAUSES
 from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
@@ -50,7 +51,8 @@ class Tally:
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
         self.drive = np.zeros(ticks)  # per tick, summed over the living
-        self.living = np.zeros(ticks, np.int64)  # per tick
+        self.living = np.zeros((ticks, len(env.groups)), np.int64)  # per tick and species
+        self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
         self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
         self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
         self.actions = np.zeros((env.size, max(len(g.actions) for g in env.groups.values())), np.int64)
@@ -64,11 +66,15 @@ class Tally:
         at, alive = state.tick - 1, tick.alive
         self.tick = state.tick
         self.drive[at] = tick.drive @ alive
-        self.living[at] = np.count_nonzero(alive)
+        self.living[at] = [np.count_nonzero(alive[group.slots]) for group in self._groups.values()]
         self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
         self.lived += alive
         self.actions[self._row, tick.action] += alive
-        self.deaths += int(np.count_nonzero(tick.died))
+        if tick.died.any():
+            for i, group in enumerate(self._groups.values()):
+                causes = state.cause[group.slots][tick.died[group.slots]]
+                self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
+        self.deaths = int(self.causes.sum())
         self.births += int(np.count_nonzero(tick.born))
         self.closed, self.returned = int(state.closed.sum()), state.returned
 
@@ -88,8 +94,16 @@ class Tally:
     def summary(self) -> dict[str, Any]:
         """Return what the run has come to."""
         agent_steps = int(self.living[: self.tick].sum())
-        needs, shares = {}, {}
-        for species, group in zip(self._scenario.species, self._groups.values(), strict=True):
+        needs, shares, population = {}, {}, {}
+        for i, (species, group) in enumerate(zip(self._scenario.species, self._groups.values(), strict=True)):
+            there = self.living[: self.tick, i] if self.tick else np.array([species.count])
+            population[species.name] = {
+                "end": int(there[-1]),
+                "mean": float(there.mean()),
+                "least": int(there.min()),
+                "most": int(there.max()),
+                "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
+            }
             lived = self.lived[group.slots].sum()
             delta = self.delta[group.slots].sum(axis=0)
             needs[species.name] = {n.name: _share(delta[i], lived) for i, n in enumerate(species.needs)}
@@ -102,13 +116,14 @@ class Tally:
             "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10)) if self.tick else None,
             "mean_abs_deviation": needs,
             "action_shares": shares,
+            "population": population,
             "deaths": self.deaths,
             "births": self.births,
             "closed_actions": self.closed,
             "bodies_put_back": self.returned,
         }
 
-    ARRAYS = ("drive", "living", "delta", "lived", "actions")
+    ARRAYS = ("drive", "living", "causes", "delta", "lived", "actions")
     VALUES = ("tick", "deaths", "births", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

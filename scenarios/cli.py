@@ -10,6 +10,7 @@ import contextlib
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -35,6 +36,8 @@ from scenarios._run import Run, StoppedError, Tally
 REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
+RECORD = "on"  # what a bare --record stands for
+WIDE = 180  # characters of the certificate where there is no terminal
 CHECKED = 200  # ticks of a life in `ecology check`
 SKIPPED = 1_000  # ticks of a life from birth that are not measured, or its first tenth if that is less
 
@@ -51,12 +54,21 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run the command line; a user's error is one message on stderr and exit code 2."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it; on small networks threads only cost
     try:
-        app(args=None if words is None else list(words))
+        app(args=_spelt(list(sys.argv[1:] if words is None else words)))
     except EcologyError as error:
         print(f"ecology: {error}", file=sys.stderr)
         sys.exit(2)
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
+
+
+def _spelt(words: list[str]) -> list[str]:
+    """Return the words of `run` with a bare --record, which takes KEY=VALUE, written out."""
+    if words[:1] != ["run"]:
+        return words
+    after = [*words[1:], ""]
+    bare = [word == "--record" and "=" not in next_ for word, next_ in zip(words, after, strict=True)]
+    return [part for word, alone in zip(words, bare, strict=True) for part in ([word, RECORD] if alone else [word])]
 
 
 # ---- list and new ----------------------------------------------------------------------------
@@ -146,7 +158,17 @@ def run(
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
-    record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
+    focus: Annotated[
+        list[str] | None,
+        typer.Option(metavar="WHO", help="Whom to watch closely: an agent (prey_17), a species, or hungriest."),
+    ] = None,
+    record: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE", help="How metrics and recording are written: every=TICKS, detail=full or lean."
+        ),
+    ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor a recording.")] = False,
     keep_every: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.  [default: none]")
     ] = None,
@@ -158,7 +180,7 @@ def run(
     """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
     if resume is not None:
         _refuse("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
-        _refuse("--resume", record=record, keep_every=keep_every)
+        _refuse("--resume", record=record, no_record=no_record or None, keep_every=keep_every)
     elif previous:
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
     with contextlib.ExitStack() as stack:
@@ -178,12 +200,12 @@ def run(
                 ticks=ticks,
                 seed=seed,
                 device=device,
-                record=record,
                 keep_every=keep_every,
+                **_recorded(record or (), no_record=no_record),
             )
             it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
             it.check_folder()
-        observers = _watchers(it, resume=resume is not None, view=view, serve=serve, connect=connect)
+        observers = _watchers(it, resume=resume is not None, view=view, serve=serve, connect=connect, focus=focus or ())
         if resume is None:
             it.start()
             stack.enter_context(_run.held(it.folder))
@@ -224,9 +246,34 @@ def _setting(text: str) -> tuple[str, Any]:
     return key.strip(), read["value"] if set(read) == {"value"} else value
 
 
-def _watchers(it: Run, *, resume: bool, view: bool, serve: bool, connect: str | None) -> list[Observer]:
+def _recorded(words: Sequence[str], *, no_record: bool) -> dict[str, Any]:
+    """Return what the plan says of recording, from the words of --record and --no-record."""
+    found: dict[str, Any] = {"record": True} if words else {"record": False} if no_record else {}
+    for key, value in (_setting(part) for word in words if word != RECORD for part in word.split(",")):
+        if key not in ("every", "detail"):
+            raise EcologyError(f"--record has no setting {key!r}. {nearest(key, ('every', 'detail'))}")
+        if type(value) is not (int if key == "every" else str):
+            raise EcologyError(f"--record takes every=TICKS and detail=full or lean, got {key}={value}.")
+        found[f"record_{key}"] = value
+    return found
+
+
+def _watchers(
+    it: Run,
+    *,
+    resume: bool,
+    view: bool = False,
+    serve: bool = False,
+    connect: str | None = None,
+    focus: Sequence[str] = (),
+) -> list[Observer]:
     """Return those who record and show the run."""
+    from ecology.observers.census import Focus
+
     observers: list[Observer] = []
+    if focus and not (it.plan.record or view or serve or connect):
+        raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
+    Focus.of(it.env, focus)  # whom nobody can be is told before anything is written
     if it.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
@@ -240,6 +287,8 @@ def _watchers(it: Run, *, resume: bool, view: bool, serve: bool, connect: str | 
             every=it.plan.record_every,
             serve=(LOOPBACK, SERVE_PORT if serve else 0) if view or serve else None,
             connect=connect,
+            focus=focus,
+            detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
             name=it.folder.name,
             resume=resume,
         )
@@ -349,6 +398,8 @@ def _say(folder: Path, summary: Mapping[str, Any]) -> None:
         f"{summary['ticks']:,} ticks in {summary['wall_seconds']:,.1f} s; mean drive {_figure(drive)}, "
         f"in the last tenth {_figure(last)}. The run is in {folder}"
     )
+    for name, of in summary["population"].items() if summary["births"] or summary["deaths"] else ():
+        print(f"{name}: {of['end']} alive, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
     watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
 
@@ -394,7 +445,7 @@ def fork(
             keep_every=keep_every,
             observers=[] if quiet else [Progress(it.tally, at)],
         )
-        observers = _watchers(forked, resume=False, view=False, serve=False, connect=None)
+        observers = _watchers(forked, resume=False)
         forked.start()
         stack.enter_context(_run.held(forked.folder))
         _live(forked, observers, quiet=quiet)
@@ -515,6 +566,65 @@ def _say_sweep(found: Sequence[Any]) -> None:
         Console().print(table)
 
 
+# ---- bench -----------------------------------------------------------------------------------
+
+
+@app.command()
+def bench(
+    agents_: Annotated[
+        str, typer.Option("--agents", metavar="N,...", help="Numbers of agents.")
+    ] = "1,10,100,1000,10000",
+    learner: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Who learns; `none`: nobody.  [default: the cheapest]")
+    ] = None,
+    against: Annotated[
+        str, typer.Option(metavar="WORLD,...", help="waterworld, waterworld_few, mpe2, magent2, vmas.")
+    ] = "",
+    python: Annotated[
+        list[str] | None, typer.Option(metavar="WORLD=PATH", help="The Python that has another world.")
+    ] = None,
+    rounds: Annotated[int, typer.Option(min=1, help="How often each is timed.")] = 7,
+    seconds: Annotated[float, typer.Option(min=0.0, help="For how long each time.")] = 0.5,
+    core: Annotated[int | None, typer.Option(min=0, help="All run on this one.  [default: the last]")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the table and the figure.")] = Path("runs") / "bench",
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Measure agent-steps per second against the number of agents, beside other worlds; write a table and a figure."""
+    from scenarios import _bench
+
+    try:
+        counts = sorted({int(word) for word in agents_.split(",")})
+    except ValueError:
+        counts = []
+    if not counts or counts[0] < 1:
+        raise EcologyError(f"--agents takes whole numbers of at least 1, as 1,10,100, got {agents_!r}.")
+    pythons = dict(word.partition("=")[::2] for word in python or ())
+    others = [word.strip() for word in against.split(",") if word.strip()]
+    for name in pythons:
+        if name not in others:
+            raise EcologyError(f"--python {name} is of a world that is not compared with; name it in --against too.")
+    learners = [name for name in (learner or _bench.LEARNERS) if name != "none"]
+    if (out / _bench.TABLE).exists():
+        raise EcologyError(f"the folder {str(out)!r} holds a benchmark; give another with --out.")
+    console = Console(stderr=True, quiet=quiet)
+    with _bench.pinned(core) as pinned, console.status("") as status:
+        wanted = _bench.points(counts, learners, {name: pythons.get(name, sys.executable) for name in others})
+        rows, used = _bench.measure(wanted, rounds=rounds, seconds=seconds, tell=status.update)
+    written = _bench.write(out, rows, used)
+    if not quiet:
+        table = Table("", "agents", "agent-steps per second", "quartiles")
+        for speed in _bench.speeds(rows):
+            table.add_row(
+                speed.name, f"{speed.agents:,}", f"{speed.median:,.0f}", f"{speed.low:,.0f} to {speed.high:,.0f}"
+            )
+        Console().print(table)
+        taken = sorted(row["calibration_seconds"] * 1e3 for row in rows)
+        where = "not pinned" if pinned is None else f"core {pinned}"
+        print(f"{where}; the loop that is always the same took {taken[0]:.1f} to {taken[-1]:.1f} ms between them")
+        print(", ".join(f"{name} {version}" for name, version in used.items()))
+        print(f"written: {', '.join(map(str, written))}")
+
+
 # ---- evaluate and view -----------------------------------------------------------------------
 
 
@@ -619,6 +729,57 @@ def _say_findings(report: Mapping[str, Any]) -> None:
             )
 
 
+# ---- reproduce -------------------------------------------------------------------------------
+
+
+@app.command()
+def reproduce(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results.  [default: all]")] = None,
+    out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
+    from scenarios import _reproduce  # slow to load
+
+    cases = _reproduce.chosen(names or ())
+    ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
+    work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
+    for case in cases:
+        seconds = sum(part.seconds for mine, part in work if mine is case)
+        console.print(
+            f"{case.name}: {case.about}; {_long(seconds) if seconds else 'done'}", highlight=False, soft_wrap=True
+        )
+        for note in case.notes:
+            console.print(f"  {note}", highlight=False, soft_wrap=True)
+    left = sum(part.seconds for _, part in work)
+    for i, (case, part) in enumerate(work, 1):
+        console.print(
+            f"{i} of {len(work)}  {case.name} {part.key}  {_long(left)} left", highlight=False, soft_wrap=True
+        )
+        try:
+            ledger.do(case, part)
+        except KeyboardInterrupt:
+            console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
+            raise StoppedError(signal.SIGINT) from None
+        left -= part.seconds
+    found = {case.name: _reproduce.rows(case, ledger) for case in cases}
+    _reproduce.write(out, found)
+    if not quiet:
+        table = Table(*_reproduce.HEAD)
+        for name, rows in found.items():
+            for row in rows:
+                table.add_row(*_reproduce.cells(name, row))
+            table.add_section()
+        screen = Console()
+        screen.print(table, width=screen.width if screen.is_terminal else WIDE)
+        print(f"written: {out / _reproduce.TABLE} and {_reproduce.PARQUET}")
+
+
+def _long(seconds: float) -> str:
+    """Return how long something takes, in words."""
+    return f"about {seconds / 60:.0f} min" if seconds >= 90 else f"about {max(seconds, 1):.0f} s"
+
+
 @app.command()
 def view(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
@@ -639,6 +800,38 @@ def view(
     from ecology.observers import viewer  # only here is a viewer looked for
 
     viewer.view(run)
+
+
+@app.command()
+def film(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that recorded.")],
+    target: Annotated[
+        Path | None, typer.Argument(metavar="[OUT.gif|OUT.mp4]", help="A new file.  [default: RUN/film.gif]")
+    ] = None,
+    from_: Annotated[
+        int | None, typer.Option("--from", min=0, metavar="TICK", help="[default: 200 frames before the end]")
+    ] = None,
+    to: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="[default: the last]")] = None,
+    fps: Annotated[float, typer.Option(help="Frames per second, one recorded tick each.")] = 20.0,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Make a film of a stretch of a run from what it recorded: a gif, or an mp4 with the extra `film`."""
+    from ecology.observers import film as films
+    from ecology.observers import rerun  # slow to load
+
+    target = run / "film.gif" if target is None else target
+    scenario = resolve(config=read_config(run / _run.CONFIG)).load()
+    films.check(target, fps)
+    frames = rerun.frames(run, scenario, from_, to)
+    console = Console(stderr=True, quiet=quiet)
+    with console.status("drawing") as status:
+
+        def tell(i: int) -> None:
+            status.update(f"drawing tick {frames[i].tick}")
+
+        films.film(scenario, frames, target, fps=fps, tell=tell)
+    if not quiet:
+        print(f"written: {target}, ticks {frames[0].tick} to {frames[-1].tick}, {len(frames)} frames")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -47,7 +48,7 @@ class PlainAgent:
     """The agent in one slot of a learner, copied; it learns from the learner's memory of that slot."""
 
     def __init__(self, learner: HJB, slot: int) -> None:
-        self.learner, self.s = learner, learner.settings
+        self.learner, self.slot, self.s = learner, slot, learner.settings
         layout = learner.group.layout
         kinds = np.array(layout.kinds)
         mix, felt, self.exponent = drive_terms(layout)
@@ -68,12 +69,14 @@ class PlainAgent:
         unit[self.angle] = 1.0
         self.unit = torch.cat([unit, torch.tensor([self.s.stride if self.s.adaptive_steps else self.dt])])
         own = {name: array[slot] for name, array in learner.state()[0].items()}
-        self.memory = {name: own[f"memory.{name}"] for name in ("zeta", "after", "duration", "movement", "open")}
-        self.cells, self.lived = own["cell_centre"][:, : own["cell_count"]].T.copy(), int(own["memory.count"])
         self.f = network(list(learner.f.sizes), nn.ReLU, own["f"])
         self.J = network(list(learner.J.sizes), nn.SiLU, own["J"])
         self.slow = network(list(learner.J.sizes), nn.SiLU, own["target"]) if self.s.target_network else self.J
         self.adam_f, self.adam_j = (torch.optim.Adam(m.parameters(), lr=1e-3) for m in (self.f, self.J))
+
+    def own(self, array: Any) -> np.ndarray:
+        """Return of an array that the learner's device holds what is of this agent, as it is now."""
+        return self.learner.device.off(array[self.slot])
 
     def drive(self, zeta: Tensor) -> Tensor:
         """Return d at zeta (..., D)."""
@@ -85,9 +88,10 @@ class PlainAgent:
         angle = zeta[:, self.angle]
         parts = [(zeta - self.centre)[:, self.plain] / self.scale[self.plain], angle.cos(), angle.sin()]
         if self.learner.cells:
-            gap = (zeta[:, None, self.place] - torch.from_numpy(self.cells)).square().sum(-1)
-            bumps = (-0.5 * gap / self.s.place_width**2).clamp(min=-30).exp()
-            parts.append(nn.functional.pad(bumps, (0, self.learner.cells - len(self.cells))))
+            centres = torch.from_numpy(self.own(self.learner.cell_centre).T)
+            gap = (zeta[:, None, self.place] - centres).square().sum(-1)
+            on = torch.arange(self.learner.cells) < int(self.own(self.learner.cell_count))
+            parts.append(torch.where(on, (-0.5 * gap / self.s.place_width**2).clamp(min=-30).exp(), 0.0))
         return torch.cat(parts, 1)
 
     def deviation(self, zeta: Tensor, network_: nn.Module) -> Tensor:
@@ -126,7 +130,7 @@ class PlainAgent:
 
     def positions(self, uniform: np.ndarray) -> np.ndarray:
         """Return positions in the ring for uniform numbers (b,)."""
-        count, capacity = self.lived, len(self.memory["zeta"])
+        count, capacity = int(self.learner.memory.count[self.slot]), self.learner.memory.capacity
         late = round(len(uniform) * self.s.recent_share)
         found = []
         for r, u in enumerate(uniform):
@@ -156,7 +160,8 @@ class PlainAgent:
 
     def update(self, uniform: np.ndarray, normal: np.ndarray, rate: float) -> tuple[float, float]:
         """Take one step on L_f and L_J with the random numbers of this agent; return both losses."""
-        s, memory = self.s, self.memory
+        s, ring = self.s, self.learner.ring
+        memory = {name: self.own(getattr(ring, name)) for name in ("zeta", "after", "duration", "movement", "open")}
         b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
         for group in (*self.adam_f.param_groups, *self.adam_j.param_groups):
             group["lr"] = rate

@@ -148,6 +148,10 @@ BAD = {
     "device of no use": (["paper", "--device", "cuda"], "'random' computes on the CPU alone"),
     "device that is not here": (["paper", "--learner", "hjb", "--device", "cuda:99"], "there is cpu"),
     "need named like a number that its mind reports": (["clash.py", "--learner", "hjb"], "'epsilon'"),
+    "setting of --record": (["paper", "--record", "often=3"], "'often'"),
+    "value of --record": (["paper", "--record", "every=x"], "every=x"),
+    "detail of --record": (["paper", "--record", "detail=most"], "'most'"),
+    "focus": (["paper", "--focus", "wolf_3", "--record", "every=5"], "'wolf_3'"),
     "viewer's address": (["paper", "--connect", "nowhere"], "'nowhere'"),
     "config": (["paper", "--config", "nowhere.toml"], "nowhere.toml"),
 }

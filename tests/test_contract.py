@@ -8,7 +8,7 @@ from worlds import everything, kind, square
 
 import ecology
 import scenarios
-from ecology import Ecology, EcologyError, contract, life, resources, senses
+from ecology import Ecology, EcologyError, contract, life, senses
 from ecology.physics import Physics
 
 AGENT_TICKS = 4000  # of each life, but at least 60 ticks
@@ -190,11 +190,7 @@ SABOTAGE = {
         "move",
         lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
     ),
-    "every account closes": lambda: (
-        resources,
-        "share",
-        lambda wanted, source, stock, whole=resources.share: (np.ones(len(wanted)), whole(wanted, source, stock)[1]),
-    ),
+    "every account closes": lambda: damaged("_eat", lambda it: (*it[:-1], it[-1] * 0.9)),
     "names never return": returning_names,
 }
 

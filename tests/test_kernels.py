@@ -175,6 +175,10 @@ def test_a_life_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:
     learner.died(np.array([0, 1]))
     learner.born(np.array([0, 1]), np.array([-1, 2]))
     assert (learner.state()[0]["cell_count"] > 0).tolist() == [False, True, True, True]
+    layout = env.groups["agent"].layout
+    told = learner.decision(2, tick.observations["agent"][2], tick.masks["agent"][2])
+    assert np.isfinite(told["score"]).all()
+    assert np.isfinite(told["error"][np.array(layout.kinds) == "deviation"]).any()
     here, (arrays, values) = env.snapshot(), learner.state()
     arrays = {name: array.copy() for name, array in arrays.items()}
     for other in (twin, by_kernels):

@@ -13,11 +13,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import agents
+import ecology
 import scenarios
 from agents.base import Learner
 from agents.loop import run
 from ecology import Ecology, EcologyError
-from ecology.observers import maps, picture, viewer
+from ecology.observers import census, maps, picture, viewer
 from ecology.observers.recorder import Recorder, parts_of, read
 
 TICKS = 60
@@ -34,6 +36,8 @@ class Wanderer(Learner):
         return {"loss_f": numbers + 1.0, "loss_J": numbers + 10.0, "epsilon": np.full(self.size, 0.25)}
 
     def deviation(self, slot, zeta):
+        if self.group.layout.names[6:8] != ("x", "y"):
+            return None
         return np.hypot(zeta[:, 6] - 0.5, zeta[:, 7] - 4.25) - zeta[:, :4].sum(axis=1)
 
 
@@ -79,6 +83,47 @@ def many():
         prey, name="predator", count=2, needs=(hunger, *others, *prey.needs[4:]), senses=("position",)
     )
     return dataclasses.replace(scenario, species=(prey, predator))
+
+
+def village(ticks_of_life=60):
+    """Return prey that bear, give and feel for each other, predators that bite, and patches of grass."""
+    ways = (ecology.move("walk", 0.3), ecology.turn("left", 0.8))
+    energy = ecology.Need(name="energy", set_point=2.0, decay=0.02, bounds=(0.0, 4.0))
+    prey = ecology.Species(
+        name="prey",
+        needs=(energy,),
+        actions=(
+            ecology.rest(),
+            *ways,
+            ecology.consume("grass", {"energy": 0.2}),
+            ecology.give("prey", {"energy": 0.1}, reach=1.0),
+            ecology.sleep(duration=3.0),
+        ),
+        count=12,
+        capacity=16,
+        birth=ecology.Birth(rate=0.1, threshold={"energy": 1.0}, cost={"energy": 0.2}),
+        hazard=ecology.Hazard(rate=1.0 / ticks_of_life),
+        view_range=2.0,
+        neighbours=(ecology.Neighbours(count=1),),
+        empathy=ecology.Empathy(weight=0.1),
+    )
+    predator = ecology.Species(
+        name="predator",
+        needs=(energy,),
+        actions=(ecology.rest(), *ways, ecology.bite("prey", reach=0.8, gain={"energy": 1.0})),
+        count=3,
+        arrival=0.2,
+        capacity=5,
+        hazard=ecology.Hazard(rate=0.02),
+    )
+    grass = ecology.Resource(name="grass", count=6, radius=0.6, stock=3.0, growth=ecology.Growth(rate=0.05))
+    return ecology.Scenario(
+        name="village",
+        arena=ecology.Arena(vertices=((0, 0), (5, 0), (5, 5), (0, 5))),
+        resources=(grass,),
+        species=(prey, predator),
+        measures={"crowding": lambda state: float(np.count_nonzero(state.alive)) / 25.0},
+    )
 
 
 def live(scenario, *observers, mind=Wanderer, ticks=TICKS, close=True):
@@ -129,7 +174,7 @@ def test_the_world_loads_no_viewer():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize("world", [one, many])
+@pytest.mark.parametrize("world", [one, many, village])
 def test_watching_changes_nothing(tmp_path, world):
     """A run that is watched by all lives as one that nobody watches, and cannot be written by them."""
     alone = live(world()).state_view
@@ -143,7 +188,7 @@ def test_watching_changes_nothing(tmp_path, world):
         np.testing.assert_array_equal(array, watched.arrays()[name], err_msg=name)
 
 
-@pytest.mark.parametrize("world", [one, many])
+@pytest.mark.parametrize("world", [one, many, village])
 def test_metrics_hold_every_sampled_tick_and_living_agent(tmp_path, world):
     """Rows are the state, by name; what a species does not have is null."""
     witness, path = Witness(), tmp_path / "metrics.parquet"
@@ -153,10 +198,11 @@ def test_metrics_hold_every_sampled_tick_and_living_agent(tmp_path, world):
     expected = [(tick, slot) for tick in range(5, TICKS + 1, 5) for slot in np.flatnonzero(witness.states[tick].alive)]
     assert len(rows) == len(expected)
     for row, (tick, slot) in zip(rows, expected, strict=True):
-        state, group = witness.states[tick], env._group_of[slot]
+        state = witness.states[tick]
+        group = next(g for g in env.groups.values() if g.slots.start <= slot < g.slots.stop)
         species = env.scenario.species[group.index]
         assert (row["tick"], row["time"]) == (tick, state.time)
-        assert (row["agent"], row["species"]) == (f"{group.name}_{slot}", group.name)
+        assert (row["agent"], row["species"]) == (f"{group.name}_{state.serial[slot]}", group.name)
         assert row["action"] == group.actions[state.action[slot]]
         assert [row["x"], row["y"], row["heading"]] == pytest.approx(
             [*state.position[slot], state.heading[slot]], abs=1e-6
@@ -288,7 +334,7 @@ def test_a_recording_reads_back(tmp_path):
             "world/walls",
             "world/resources",
             "world/agents/prey",
-            "world/heading/predator",
+            "world/agents/predator",
             "world/trail/prey",
             "focus/prey/deviation",
             "focus/predator/action",
@@ -356,6 +402,252 @@ def test_deviation_maps_are_the_minds_own(tmp_path):
     assert grid.inside.shape == (60, 80)
     assert not grid.inside[0, 0]  # below the arena's floor
     assert grid.inside[15, 0]  # (0.05, 1.55)
+
+
+def told(path, entity, component="Scalars:scalars"):
+    """Return what a recording holds of a component by tick, each as an array."""
+    return {int(tick): np.array(value) for tick, value in zip(*column(path, entity, component), strict=True)}
+
+
+def test_a_slot_that_is_used_again_is_another_agent(tmp_path):
+    """Bodies are told by serial; the focus passes on where a life ends, and its series break there."""
+    witness, path = Witness(), tmp_path / "recording.rrd"
+    env = live(village(), witness, rerun_observer(path, every=1), ticks=150)
+    rows = env.groups["prey"].slots
+    assert (witness.states[150].serial[rows] > 15).any()  # slots were used again
+    serials = told(path, "/world/agents/prey", "serial")
+    for tick in (0, 1, 75, 150):
+        assert np.array_equal(serials[tick], witness.states[tick].serial[rows])
+    names = {t: v[0] for t, v in told(path, "/world/focus/prey/name", "Points2D:labels").items()}
+    values = told(path, "/focus/prey/deviation")
+    assert names[0] == "prey_0"
+    changes = 0
+    for tick in range(1, 151):
+        state, serial = witness.states[tick], int(names[tick].rpartition("_")[2])
+        slot = rows.start + int(np.flatnonzero(state.serial[rows] == serial)[0])
+        assert state.alive[slot]
+        if names[tick] != names[tick - 1]:
+            changes += 1
+            old = int(names[tick - 1].rpartition("_")[2])
+            assert not state.alive[rows][state.serial[rows] == old].any()
+            assert state.age[slot] == state.age[rows][state.alive[rows]].max()  # the oldest is next
+            assert np.isnan(values[tick]).all()
+        else:
+            assert values[tick] == pytest.approx(state.internal[slot, 0] - 2.0, abs=1e-5)
+    assert changes
+
+
+def test_events_are_told_by_name(tmp_path):
+    """The log holds every birth, death, bite and gift, in words that name who it was."""
+    witness, path = Witness(), tmp_path / "recording.rrd"
+    env = live(village(), witness, rerun_observer(path, every=10), ticks=100)
+    expected = []
+    for before, state, tick in zip(witness.states, witness.states[1:], witness.ticks[1:], strict=False):
+        name = [f"{'prey' if slot < 16 else 'predator'}_{state.serial[slot]}" for slot in range(env.size)]
+        for slot in range(env.size):
+            if tick.born[slot]:
+                parent = tick.parent[slot]
+                came = f"born, child of {name[parent]}" if parent >= 0 else "arrived"
+                expected.append((state.tick, f"{name[slot]} {came}"))
+            if tick.died[slot]:
+                expected.append((state.tick, f"{name[slot]} {census.DEATHS[ecology.state.CAUSES[state.cause[slot]]]}"))
+            if state.bit[slot] >= 0:
+                expected.append((state.tick, f"{name[slot]} bit {name[state.bit[slot]]}"))
+            if state.gave[slot] >= 0 and state.gave[slot] != before.gave[slot]:
+                expected.append((state.tick, f"{name[slot]} gave to {name[state.gave[slot]]}"))
+    seen = []
+    for species in env.groups:
+        ticks, texts = column(path, f"/events/{species}", "TextLog:text")
+        seen += [(int(tick), text[0]) for tick, text in zip(ticks, texts, strict=True)]
+    meals = (" ate ", " slept", "focus:")
+    assert sorted(expected) == sorted(e for e in seen if not any(word in e[1] for word in meals))
+    words = " ".join(text for _, text in seen)
+    for word in ("born, child", "arrived", "died, eaten", "by chance", "bit", "gave", "ate grass", "slept"):
+        assert word in words
+
+
+def test_populations_are_counted(tmp_path):
+    """Numbers, births and deaths, drives, stocks, measures, ages and couplings are those of the world."""
+    witness, path = Witness(), tmp_path / "recording.rrd"
+    env = live(village(), witness, rerun_observer(path, every=5), ticks=100)
+    blocks = [group.slots for group in env.groups.values()]
+    counts, flow, drive = (told(path, f"/population/{word}") for word in ("count", "flow", "drive"))
+    stocks, measures = (told(path, f"/population/{word}") for word in ("stocks", "measures"))
+    for tick in (0, 5, 50, 100):
+        state = witness.states[tick]
+        alive = [np.flatnonzero(state.alive[rows]) + rows.start for rows in blocks]
+        assert counts[tick].tolist() == [len(slots) for slots in alive]
+        spread = [
+            (m, m - s, m + s) for m, s in ((state.drive[a].mean(), state.drive[a].std()) for a in alive if len(a))
+        ]
+        assert drive[tick][np.isfinite(drive[tick])] == pytest.approx(np.ravel(spread), abs=1e-5)
+        assert stocks[tick] == pytest.approx(state.stock.sum())
+        assert measures[tick] == pytest.approx(state.alive.sum() / 25.0)
+        past = witness.ticks[1 : tick + 1]
+        born, died = ([sum(getattr(t, w)[rows].sum() for t in past) for rows in blocks] for w in ("born", "died"))
+        assert flow[tick].tolist() == [*born, *died]
+    ages = told(path, "/population/ages/prey", "BarChart:values")
+    assert ages.keys() == {0, 100}
+    entities = {chunk.entity_path for chunk in _chunks(path)}
+    assert "/population/coupling/prey" in entities
+    assert "/population/coupling/predator" not in entities
+    weight, others = env.coupling("prey")
+    state = env.state_view
+    both = state.alive[:16, None] & state.alive[others] & (np.arange(16)[:, None] != others)
+    assert np.array_equal(weight > 0, both)
+
+
+def _chunks(path):
+    from rerun.chunk import RrdReader
+
+    return RrdReader(str(path)).stream()
+
+
+def test_a_focus_is_who_was_asked_for():
+    """An agent, once it lives; a species first; the hungriest; and nobody who cannot be."""
+    env = Ecology(village())
+    env.reset_arrays(3)
+    state = env.state_view
+    focus = census.Focus.of(env, ["prey_4", "predator"])
+    focus.look(state)
+    assert (focus.slots["prey"], focus.name("prey"), focus.first) == (4, "prey_4", "prey")
+    assert focus.name("predator") == "predator_12"
+    drive = np.linspace(0.0, 1.0, env.size) % 0.6
+    state.own_drive = drive
+    focus = census.Focus.of(env, ["hungriest"])
+    focus.look(state)
+    assert focus.slots["prey"] == int(np.argmax(np.where(state.alive[:16], drive[:16], -1)))
+    state.alive = np.zeros(env.size, bool)
+    assert set(focus.look(state)) == {"prey", "predator"}
+    assert focus.slots == {"prey": -1, "predator": -1}
+    for wrong in ("prey_x", "wolf_1", "wolf", "hungry"):
+        with pytest.raises(EcologyError, match=wrong):
+            census.Focus.of(env, [wrong])
+
+
+@pytest.mark.parametrize("name", ["hjb", "algorithm1"])
+def test_a_decision_is_the_one_that_is_taken(name):
+    """The movement of least score among those open is the one that the learner takes; the sum is a sum."""
+    env = Ecology(scenarios.load("paper"))
+    tick = env.reset_arrays(1)
+    minds = {"agent": agents.make(name, env.groups["agent"], np.random.SeedSequence(2), {"life": 1000.0})}
+    mind = minds["agent"]
+    tick = run(env, minds, tick, 600)
+    mind.evaluating(0.0)
+    decided = 0
+    for _ in range(60):
+        zeta, mask = tick.observations["agent"], tick.masks["agent"]
+        before = mind.decisions[0]
+        told = mind.decision(0, zeta[0], mask[0])
+        action = mind.act(zeta, mask)
+        if mind.decisions[0] > before:
+            decided += 1
+            assert mind.movement[0] == np.where(told["open"], told["score"], np.inf).argmin()
+        assert told["sum"] == pytest.approx(told["next_drive"] + told["slope"])
+        tick = env.step_arrays(action)
+    assert decided
+    assert told["J"] == pytest.approx(float(mind.deviation(0, zeta)[0]))
+    error = told["error"]
+    assert error.shape == (len(env.groups["agent"].layout.names),)
+    if name == "hjb":
+        assert (error[np.isfinite(error)] < 2).any()
+
+
+def test_a_decision_is_recorded(tmp_path):
+    """What the focus weighed is in the recording by movement, what is closed marked so, and J beside what was met."""
+
+    class Weighing(Wanderer):
+        def decision(self, slot, zeta, mask):
+            numbers = np.arange(3.0)
+            open_ = np.array([True, False, True])
+            told = {key: numbers + i for i, key in enumerate(("next_drive", "slope", "sum", "score"))}
+            return {"names": ("rest", "walk", "eat"), "open": open_, **told, "J": 2.5, "gamma": 0.9,
+                    "error": np.full(len(zeta), 0.5)}  # fmt: skip
+
+    witness, path = Witness(), tmp_path / "recording.rrd"
+    live(one(), witness, rerun_observer(path, every=4), mind=Weighing)
+    assert told(path, "/focus/agent/decision", "sum")[8].tolist() == [2.0, 3.0, 4.0]
+    text = told(path, "/focus/agent/decision", "TextDocument:text")[8][0]
+    assert "agent_0" in text
+    assert "~~walk~~ closed" in text
+    assert text.index("**rest**") < text.index("eat")
+    assert told(path, "/learning/agent/J")[8] == 2.5
+    met = told(path, "/learning/agent/met")
+    weight = 0.9 ** np.arange(1, 30)  # up to 5 %
+    after = [s.drive[0] for s in witness.states[9:38]]
+    assert met[8] == pytest.approx(weight @ after / weight.sum())
+    assert max(met) <= TICKS - 29
+
+
+def test_a_thousand_agents_take_48_bytes_each(tmp_path):
+    """A recording grows by at most 48 bytes per agent and sampled tick: place, heading, action, eight variables."""
+    needs = tuple(ecology.Need(name=f"need_{i}", set_point=1.0, noise=0.05, bounds=(0.0, 2.0 + i)) for i in range(8))
+    crowd = ecology.Species(
+        name="crowd",
+        needs=needs,
+        actions=(ecology.rest(), ecology.move("walk", 0.2), ecology.turn("left", 0.7)),
+        count=1000,
+    )
+    world = ecology.Scenario(
+        name="crowd", arena=ecology.Arena(vertices=((0, 0), (60, 0), (60, 60), (0, 60))), species=(crowd,)
+    )
+    sizes = {}
+    for ticks in (20, 60):
+        path = tmp_path / f"{ticks}.rrd"
+        env = Ecology(world)
+        minds = {"crowd": agents.make("random", env.groups["crowd"], np.random.SeedSequence(1), {})}
+        observer = rerun_observer(path, every=1)
+        tick = env.reset_arrays(1)
+        observer.begin(env, minds)
+        run(env, minds, tick, ticks, [observer])
+        observer.end()
+        sizes[ticks] = path.stat().st_size
+    assert (sizes[60] - sizes[20]) / 40 / 1000 <= 48
+    for i in range(8):
+        assert told(path, "/world/agents/crowd", f"need_{i}")[60] == pytest.approx(
+            env.state_view.internal[:, i], abs=1e-6
+        )
+    way = told(path, "/world/agents/crowd", "Arrows2D:vectors")[60]
+    turned = np.arctan2(way[:, 1], way[:, 0]) - env.state_view.heading
+    assert np.abs(ecology.senses.wrap(turned)).max() <= np.pi / 512 + 1e-6
+    assert told(path, "/world/agents/crowd", "action")[60].tolist() == env.state_view.action.tolist()
+
+
+def test_a_film_is_made_of_what_was_recorded(tmp_path, monkeypatch):
+    """Frames are the recorded ticks; a film is a new gif of them, or an mp4 where ffmpeg is installed."""
+    from PIL import Image
+
+    from ecology.observers import film, rerun
+
+    witness, path = Witness(), tmp_path / "recording.rrd"
+    env = live(village(), witness, rerun_observer(path, every=5), ticks=60)
+    frames = rerun.frames(tmp_path, env.scenario, 20, 60)
+    assert [f.tick for f in frames] == list(range(20, 61, 5))
+    state = witness.states[40]
+    shown = frames[4]
+    assert shown.time == state.time
+    np.testing.assert_allclose(shown.position[state.alive], state.position[state.alive], atol=1e-6)
+    assert np.isnan(shown.position[~state.alive]).all()
+    np.testing.assert_allclose(shown.patches, state.resource_position, atol=1e-6)
+    np.testing.assert_allclose(shown.full, state.stock / 3.0, atol=0.05)
+    assert sum(len(f.marks["born"]) for f in frames) > 0
+    target = tmp_path / "film.gif"
+    film.film(env.scenario, frames, target, fps=10)
+    with Image.open(target) as made:
+        assert made.n_frames == len(frames)
+        assert made.size == (800, 600)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    for name, word in (
+        ("film.gif", "exists"),
+        ("film.avi", "gif"),
+        ("film.mp4", "ffmpeg"),
+        ("no/film.gif", "no folder"),
+    ):
+        with pytest.raises(EcologyError, match=word):
+            film.film(env.scenario, frames, tmp_path / name)
+    with pytest.raises(EcologyError, match="no recorded tick"):
+        film.film(env.scenario, rerun.frames(tmp_path, env.scenario, 61), tmp_path / "other.gif")
+    assert not (tmp_path / "other.gif").exists()
 
 
 def test_a_mind_without_j_or_numbers_is_recorded(tmp_path):
@@ -547,11 +839,11 @@ def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
     assert not (tmp_path / "other.png").exists()
 
 
-@pytest.mark.parametrize("world", [one, many])
+@pytest.mark.parametrize("world", [one, many, village])
 def test_a_picture_shows_the_world(world):
     """`draw` returns pixels, and others once an agent has moved."""
     env = Ecology(world(), render_mode="rgb_array")
-    env.reset(seed=0)
+    env.reset_arrays(seed=0)
     before = env.render()
     assert before.shape == (600, 800, 3)
     assert before.dtype == np.uint8

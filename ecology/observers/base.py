@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,6 +20,10 @@ class Mind(Protocol):
 
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:
         """Return -ln(gamma) J, drive units, (m,) at states (m, D), of the agent in `slot`, or None."""
+        ...
+
+    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any] | None:
+        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open, or None."""
         ...
 
 

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ecology.empathy import felt_species
 from ecology.scenario import Scenario
 from ecology.spec import Species
 
@@ -23,9 +24,10 @@ PALETTE: tuple[Colour, ...] = (
     (0, 114, 178),  # blue
     (170, 170, 170),  # grey
 )
-# the first is for a species alone; the others lie off the scale that shows the drive
-SPECIES: tuple[Colour, ...] = ((245, 245, 245), *(PALETTE[i] for i in (1, 2, 5, 3, 6, 4, 0, 7)))
+ALONE: Colour = (245, 245, 245)  # a species alone: off the scale that shows the drive
+SPECIES: tuple[Colour, ...] = tuple(PALETTE[i] for i in (1, 4, 2, 5, 3, 6, 0, 7))
 RESTING, SLEEPING = (105, 110, 120), (95, 85, 165)
+BITING, GIVING = (255, 90, 60), (90, 230, 180)
 MOVING, TURNING = (215, 220, 230), (150, 156, 168)
 SHADES = 256
 
@@ -35,9 +37,9 @@ def need_colour(index: int) -> Colour:
     return PALETTE[index % len(PALETTE)]
 
 
-def species_colour(index: int) -> Colour:
-    """Return the colour of a species by its place in the scenario."""
-    return SPECIES[index % len(SPECIES)]
+def species_colour(index: int, *, alone: bool = False) -> Colour:
+    """Return the colour of a species by its place in the scenario, or of the one species of a world."""
+    return ALONE if alone else SPECIES[index % len(SPECIES)]
 
 
 def resource_colours(scenario: Scenario) -> list[Colour]:
@@ -56,10 +58,11 @@ def resource_colours(scenario: Scenario) -> list[Colour]:
 def action_colours(scenario: Scenario, species: Species) -> list[Colour]:
     """Return a colour per action: by kind, and by resource for going there (dark) and consuming (bright)."""
     food = dict(zip((r.name for r in scenario.resources), resource_colours(scenario), strict=True))
-    plain = {"rest": RESTING, "sleep": SLEEPING, "move": MOVING, "turn": TURNING}
+    plain = {"rest": RESTING, "sleep": SLEEPING, "move": MOVING, "turn": TURNING, "bite": BITING, "give": GIVING}
     colours = []
-    for action in species.actions:
-        colour = plain[action.kind] if action.kind in plain else food[str(action.resource)]
+    for i, action in enumerate(species.actions):
+        colour = plain.get(action.kind, PALETTE[i % len(PALETTE)])
+        colour = food.get(str(action.resource), colour)
         colours.append(shaded(colour, 0.55) if action.kind == "go_to" else colour)
     return colours
 
@@ -71,10 +74,23 @@ def shaded(colour: Colour, light: float) -> Colour:
 
 
 def highest_drive(scenario: Scenario) -> float:
-    """Return the drive at the top of the colour scale: every regulated need off by its ordinary size."""
-    return max(
-        math.sqrt(s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated)) for s in scenario.species
-    )
+    """Return the drive at the top of the colour scale: every regulated need off by its ordinary size.
+
+    In the sum form of empathy, with what is then felt: of everyone, or of one where it is felt on conditions.
+    """
+    own = {
+        s.name: (s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated)) ** (s.drive_exponent / 2)
+        for s in scenario.species
+    }
+    slots, found = {s.name: s.slots for s in scenario.species}, []
+    for s in scenario.species:
+        felt, e = 0.0, s.empathy
+        if e is not None and e.form == "sum":
+            always = not (e.kin or e.sight or math.isfinite(e.within))
+            felt = sum(own[name] * (slots[name] if always else 1) for name in felt_species(s))
+            felt *= abs(e.weight)
+        found.append(own[s.name] + felt)
+    return max(found)
 
 
 @functools.cache

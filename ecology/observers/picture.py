@@ -1,89 +1,184 @@
-"""A picture of the world, without a viewer: what `env.render()` returns."""
+"""A picture of the world, without a viewer: what `env.render()` returns, and what a film is made of."""
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ecology.observers.colours import highest_drive, resource_colours, scale, shaded, species_colour
+from ecology.observers import shapes
+from ecology.observers.colours import highest_drive, resource_colours, scale, species_colour
+from ecology.observers.frame import Frame, frame
 from ecology.scenario import Scenario
 from ecology.state import State
 
 SIZE, DPI = (8.0, 6.0), 100  # inches, pixels per inch
+SHADES = {"born": "black", "died": "black", "bit": "#d55e00", "gave": "#009e73"}  # of marks
 
 
 def draw(scenario: Scenario, state: State) -> np.ndarray:
-    """Return the arena, resources and bodies (with heading, coloured by drive), uint8 (600, 800, 3).
+    """Return the world as one picture, uint8 (600, 800, 3): see `Picture`."""
+    return Picture(scenario).draw(frame(scenario, state))
 
-    A finite resource is drawn as full as its stock is; one that is empty or unavailable is a ring.
+
+class Picture:
+    """Draws frame after frame of one world: what does not change is drawn once.
+
+    A patch is filled as far as its stock is; one that is empty or unavailable is a ring. Of one species,
+    bodies are coloured by drive; of several, by species, and their headings by drive.
     """
-    figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    vertices = np.array(scenario.arena.vertices, dtype=float)
-    axes.set_facecolor("0.82")
-    axes.fill(*vertices.T, facecolor="white", edgecolor="black", linewidth=2, zorder=1)
-    for i, (resource, colour) in enumerate(zip(scenario.resources, resource_colours(scenario), strict=True)):
-        place, face = state.resource_position[i], _unit(colour)
-        full = 1.0 if math.isinf(resource.most) else float(state.stock[i]) / max(resource.most, 1e-12)
-        full *= float(state.available[i])
-        if not resource.constant:
-            _circles(axes, place[None], resource.radius, "none", edge=face, zorder=2)
-        _circles(axes, place[None], resource.radius, [face], alpha=0.45 * full, zorder=2)
-        axes.annotate(resource.name, place - [0, resource.radius], ha="center", va="top", fontsize=8, zorder=5)
-    drives = ScalarMappable(Normalize(0, highest_drive(scenario)), ListedColormap(scale("plasma") / 255))
-    start, handles = 0, []
-    for i, species in enumerate(scenario.species):
-        rows = np.arange(start, start + species.count)[state.alive[start : start + species.count]]
-        start += species.count
-        edge = _unit(shaded(species_colour(i), 0.15 if i == 0 else 1.0))
-        place, angle, tip = state.position[rows], state.heading[rows], 2.2 * species.radius
-        _circles(axes, place, species.radius, drives.to_rgba(state.drive[rows]), edge=edge, zorder=4)
-        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        axes.plot(*np.stack([place, place + tip * way]).transpose(2, 0, 1), color=edge, lw=1.5, zorder=4)
-        label = f"{species.name} ({len(rows)})"
-        handles.append(Line2D([], [], marker="o", ls="", mfc="none", mec=edge, mew=1.5, label=label))
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    margin = 0.04 * float((high - low).max())
-    axes.set(
-        xlim=(low[0] - margin, high[0] + margin),
-        ylim=(low[1] - margin, high[1] + margin),
-        aspect="equal",
-        xlabel="x (length)",
-        ylabel="y (length)",
-    )
-    figure.suptitle(f"{scenario.name}, tick {state.tick}, time {state.time:g}", fontsize=11)
-    figure.legend(handles=handles, loc="outside lower right", ncols=4, frameon=False, fontsize=9)
-    figure.colorbar(drives, ax=axes, label="drive", shrink=0.8)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
-
-def _circles(axes, centres, radius, faces, *, edge="none", alpha=1.0, zorder=1) -> None:
-    """Draw circles of `radius` in the units of the plane at `centres` (n, 2)."""
-    wide = np.full(len(centres), 2 * radius)
-    axes.add_collection(
-        EllipseCollection(
-            wide,
-            wide,
-            np.zeros(len(centres)),
-            units="xy",
-            offsets=centres,
-            offset_transform=axes.transData,
-            facecolors=faces,
-            edgecolors=edge,
-            linewidths=1.5,
-            alpha=alpha,
-            zorder=zorder,
+    def __init__(self, scenario: Scenario) -> None:
+        """Draw the arena, the legend and the axes."""
+        self._scenario = scenario
+        self._figure = figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
+        self._canvas, self._axes = FigureCanvasAgg(figure), figure.add_subplot()
+        axes = self._axes
+        vertices = np.array(scenario.arena.vertices, dtype=float)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        axes.set_facecolor("0.82")
+        edge = (
+            {"edgecolor": "black", "linewidth": 2} if scenario.arena.walls else {"edgecolor": "0.6", "linestyle": ":"}
         )
-    )
+        axes.fill(*vertices.T, facecolor="white", zorder=1, **edge)
+        margin = 0.04 * float((high - low).max())
+        axes.set(
+            xlim=(low[0] - margin, high[0] + margin),
+            ylim=(low[1] - margin, high[1] + margin),
+            aspect="equal",
+            xlabel="x (length)",
+            ylabel="y (length)",
+        )
+        self._mixed = len(scenario.species) > 1
+        self._drives = ScalarMappable(Normalize(0, highest_drive(scenario)), ListedColormap(scale("plasma") / 255))
+        figure.colorbar(self._drives, ax=axes, label=f"drive ({'heading' if self._mixed else 'body'})", shrink=0.8)
+        self._patches = self._resources()
+        self._bodies = [self._species(i) for i in range(len(scenario.species))]
+        self._marks = {
+            kind: self._add(LineCollection([], colors=shade, linewidths=1.5, zorder=5))
+            for kind, shade in SHADES.items()
+        }
+        figure.legend(handles=self._handles(), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+        self._title = figure.suptitle("tick", fontsize=11, animated=True)
+        self._canvas.draw()
+        figure.set_layout_engine("none")
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(figure.bbox)
+
+    def draw(self, shown: Frame) -> np.ndarray:
+        """Return the picture of a frame, uint8 (600, 800, 3)."""
+        if self._patches:
+            rings, discs, names, radii = self._patches
+            rings.set_offsets(shown.patches)
+            discs.set_offsets(shown.patches)
+            wide = 2 * radii * np.sqrt(shown.full)
+            discs.set_widths(wide)
+            discs.set_heights(wide)
+            for i, name in names.items():
+                name.set_position(shown.patches[i] - [0, radii[i]])
+        start, told = 0, []
+        for species, (bodies, headings, radius) in zip(self._scenario.species, self._bodies, strict=True):
+            rows = slice(start, start + species.slots)
+            start += species.slots
+            lives = np.isfinite(shown.position[rows, 0])
+            place, angle = shown.position[rows][lives], shown.heading[rows][lives]
+            colour = self._drives.to_rgba(shown.drive[rows][lives])
+            tip = place + 2.4 * radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            bodies.set_offsets(place)
+            headings.set_segments(list(np.stack([place, tip], axis=1)))
+            if self._mixed:
+                headings.set_color(colour)
+            else:
+                bodies.set_facecolor(colour)
+            told.append(f"{int(lives.sum())} {species.name}")
+        for kind, lines in self._marks.items():
+            lines.set_segments(list(shown.marks.get(kind, ())))
+        who = ", ".join(told)
+        self._title.set_text(f"{self._scenario.name}, tick {shown.tick}, time {shown.time:g}: {who}")
+        self._canvas.restore_region(self._background)
+        for artist in self._moving():
+            self._axes.draw_artist(artist)
+        self._figure.draw_artist(self._title)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _moving(self) -> list[Any]:
+        """Return what is drawn anew in every frame, the lowest first."""
+        found: list[Any] = []
+        if self._patches:
+            rings, discs, names, _ = self._patches
+            found += [discs, rings, *names.values()]
+        for bodies, headings, _ in self._bodies:
+            found += [bodies, headings]
+        return found + list(self._marks.values())
+
+    def _add(self, artist: Any) -> Any:
+        artist.set_animated(True)
+        self._axes.add_collection(artist, autolim=False)
+        return artist
+
+    def _circles(self, radii: np.ndarray, **how: Any) -> Any:
+        """Return circles in the units of the plane, nowhere yet."""
+        wide = 2 * np.asarray(radii, float)
+        nowhere = np.full((max(len(wide), 1), 2), np.nan)
+        return self._add(
+            EllipseCollection(
+                wide,
+                wide,
+                np.zeros(len(wide)),
+                units="xy",
+                offsets=nowhere,
+                offset_transform=self._axes.transData,
+                **how,
+            )
+        )
+
+    def _resources(self) -> tuple[Any, Any, dict[int, Any], np.ndarray] | None:
+        """Return rings, discs, names by patch and radii of the patches."""
+        resources = self._scenario.resources
+        if not resources:
+            return None
+        shades = [_unit(c) for c in resource_colours(self._scenario)]
+        each = [shade for shade, r in zip(shades, resources, strict=True) for _ in range(r.count)]
+        radii = np.array([r.radius for r in resources for _ in range(r.count)])
+        rings = self._circles(radii, facecolors="none", edgecolors=each, linewidths=1.5, zorder=2)
+        discs = self._circles(radii, facecolors=each, edgecolors="none", alpha=0.45, zorder=2)
+        names, first = {}, 0
+        for r in resources:
+            if r.count == 1:
+                names[first] = self._axes.text(0, 0, r.name, ha="center", va="top", fontsize=8, animated=True)
+            first += r.count
+        return rings, discs, names, radii
+
+    def _species(self, index: int) -> tuple[Any, Any, float]:
+        """Return bodies and headings of a species, and the radius with which it is drawn."""
+        species = self._scenario.species[index]
+        radius = shapes.radius(self._scenario, species)
+        face = _unit(species_colour(index)) if self._mixed else "none"
+        bodies = self._circles(np.array([radius]), facecolors=face, edgecolors="0.15", linewidths=0.8, zorder=4)
+        headings = self._add(LineCollection([], colors="0.15", linewidths=1.8, zorder=4))
+        return bodies, headings, radius
+
+    def _handles(self) -> list[Line2D]:
+        """Return the legend's entries: species, patches, marks."""
+        scenario = self._scenario
+
+        def dot(label: str, face: Any, edge: Any) -> Line2D:
+            return Line2D([], [], marker="o", ls="", mfc=face, mec=edge, label=label)
+
+        found = [
+            dot(s.name, _unit(species_colour(i)) if self._mixed else "none", "0.15")
+            for i, s in enumerate(scenario.species)
+        ]
+        shades = [_unit(c) for c in resource_colours(scenario)]
+        found += [dot(r.name, (*c, 0.45), c) for r, c in zip(scenario.resources, shades, strict=True) if r.count > 1]
+        found += [Line2D([], [], color=SHADES[kind], label=shapes.KINDS[kind]) for kind in shapes.marked(scenario)]
+        return found
 
 
 def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:

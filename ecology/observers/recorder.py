@@ -59,7 +59,7 @@ class Recorder:
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Open the parts; a resumed recording keeps its rows up to the present tick."""
         species = env.scenario.species
-        counts = [s.count for s in species]
+        counts = [s.slots for s in species]
         needs = list(dict.fromkeys(need.name for s in species for need in s.needs))
         check_columns(env.scenario, minds)
         self._groups = [(group.name, group.slots) for group in env.groups.values()]

@@ -1,17 +1,24 @@
 """The world and its minds in the Rerun viewer, live and as a recording; the only file that imports rerun.
 
-A recording holds one entity per species for its bodies, however many they are, and one focus agent
-per species whose internal state, drive, action and deviation maps are drawn over time:
+A recording holds one entity per species for its bodies, however many they are, and one agent in
+focus per species whose needs, drive, decision and deviation maps are drawn over time:
 
-    world/walls, world/resources, world/axes, world/legend      static, in the units of the plane
-    world/agents/SPECIES    Points2D: bodies; internal variables, drive, reward, action as numbers
-    world/heading/SPECIES   Arrows2D
+    world/walls, world/axes, world/legend       static, in the units of the plane
+    world/resources, .../stock, .../names       circles, how full they are, and what they are called
+    world/agents/SPECIES    Points2D and Arrows2D: bodies and headings, a row per slot; internal
+                            variables, serial and action as numbers; in full, drive and reward too
     world/trail/SPECIES     Points2D: where bodies were at every tick since the last sample
+    world/focus/SPECIES     LineStrips2D: view field and lines of sight of the agent in focus; its name
+    world/marks/KIND        LineStrips2D: births, deaths, bites and gifts since the last sample
     world/maps/SPECIES/NEED/image   Image and the numbers of the deviation map behind it
-    focus/SPECIES/{deviation,drive,action}      of the focus agent
-    learning/SPECIES/{losses,numbers}           of Mind.report(), mean over the living; losses as log10
+    focus/SPECIES/{needs,deviation,drive,reward,action,decision}    of the agent in focus
+    learning/SPECIES/{losses,numbers,error,J,met}   of Mind.report(), mean over the living, losses as
+                            log10; of the focus: f's error, J, and the discounted drive met afterwards
+    population/{count,flow,drive,stocks,measures}, population/ages/SPECIES, population/coupling/SPECIES
+    events/SPECIES          TextLog: who was born, died, bit, gave, ate, slept
 
-Timelines: "tick", and "sim_time" (one unit of the model's time shown as one second).
+Timelines: "tick", and "sim_time" (one unit of the model's time shown as one second). A slot is taken
+by one agent after another: `serial` says which, and a series breaks where another life begins.
 
 Rerun's plane has y downwards. Positions are written as they are; the transform of `world`, which
 mirrors y, turns the picture, so that y points up on the screen and numbers read there are true.
@@ -21,6 +28,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import pickle
 import queue
@@ -30,6 +38,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,11 +48,14 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
 from ecology.env import Ecology, Group, Tick
 from ecology.errors import EcologyError
-from ecology.observers import colours, maps
+from ecology.observers import census, colours, maps, shapes
 from ecology.observers.base import Mind
+from ecology.observers.census import Census, Focus, Happening
+from ecology.observers.frame import Frame
 from ecology.observers.viewer import (
     LOOPBACK,
     checked_url,
@@ -56,24 +68,37 @@ from ecology.observers.viewer import (
     viewer_process,
     whole,
 )
+from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.spec import Species, require
 from ecology.state import State
 
 SAMPLES = 256  # sent in one go, at most
 SECONDS_FILE, SECONDS_LIVE = 1.0, 0.25  # of the clock between two sendings, at most
-TRAILS = 100  # agents up to which every one has a trail; above, the focus agents alone
+FEW = 100  # agents up to which every one has a trail, all its numbers and all its meals told; above, the focus alone
 TRAIL_TICKS = 100  # length of a trail
+MARK_TICKS = 20  # for which a birth, a death, a bite or a gift is marked, and at least two samples
 STATE_TICKS, ACTION_TICKS = 1_000, 100  # of the internal state and the action on the first screen
+FOCUS_TICKS = 500  # after which the hungriest is looked for again
+SPARSE = 20  # samples between two age structures, and between two coupling matrices
+LINES = {True: 20, False: 5}  # of the event log, per kind and sample, of few and of many; the rest is counted
+COUPLED = 128  # agents whose coupling is drawn, at most
+MARKS = 200  # per kind and sample, at most
 MEMORY = "256MB"  # of history kept for viewers that attach late
 BACKLOG = 64 * 2**20  # bytes that may wait for a viewer elsewhere; older ones are dropped
 PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
 QUICK = 512 * 2**20  # bytes up to which a recording is optimised at the end
 BACKGROUND, FLOOR, WALL, INK = (16, 18, 22), (42, 46, 54), (225, 225, 225), (235, 235, 235)
+FAINT = (120, 124, 132)
+MARKED = {"born": INK, "died": INK, "bit": colours.BITING, "gave": colours.GIVING}
 ATTEMPTS = 60  # to reach a viewer that was started, half a second apart
 SETTLING = 12.0  # seconds in which a viewer's notices of the start fade and chunks load
 BAR = 35  # height of the viewer's own bar, logical points
 DRIVE_SCALE, MAP_SCALE = "plasma", "viridis"
+STEPS = 64  # of the colour scale of the drive
+COMPASS = 512  # directions in which a heading is drawn, and recorded for the viewer
+DETAILS = ("full", "lean")
+DEAD = 255  # action of a slot in which nobody lives
 
 log = logging.getLogger("ecology")
 
@@ -91,6 +116,7 @@ class RerunObserver:
         *,
         every: int = 10,
         maps_every: int = 1_000,
+        detail: str | None = None,
         serve: tuple[str, int] | None = None,
         connect: str | None = None,
         name: str | None = None,
@@ -100,18 +126,25 @@ class RerunObserver:
         """Record every `every` ticks, and deviation maps every `maps_every` ticks.
 
         path: the file, "recording.rrd" of the run's folder. With `resume`, it is gone on with.
+        detail: "full", or "lean" without drive and reward of every agent (the focus has them, and colours
+        show the drive); full up to 100 agents and lean above when None.
         serve: (host, port) where viewers may attach; port 0 takes a free one, `url` says which.
         connect: rerun+http://HOST:PORT/proxy of a viewer elsewhere, which must be open already.
-        focus: agents to draw over time by name; the first agent of each species otherwise.
+        focus: whom to draw over time: names of agents, a species (shown first), or "hungriest"; the first
+        agent of each species otherwise. When one dies, another of its species takes its place.
         """
         for word, value in (("every", every), ("maps_every", maps_every)):
             require(
                 isinstance(value, int) and value > 0,
                 f"a recording's {word} is a whole number of ticks of at least 1; got {value!r}.",
             )
+        require(
+            detail is None or detail in DETAILS,
+            f"a recording's detail is one of {', '.join(DETAILS)}; got {detail!r}.",
+        )
         self._path = Path(path) if path is not None else None
-        self._every, self._maps_every, self._name = every, maps_every, name
-        self._focus, self._resume = tuple(focus), resume
+        self._every, self._maps_every, self._name, self._detail = every, maps_every, name, detail
+        self._asked, self._resume = tuple(focus), resume
         require(
             self._path is None or resume or not self._path.exists(),
             f"there is a recording at {str(path)!r} already; choose another folder, or resume that run.",
@@ -128,45 +161,55 @@ class RerunObserver:
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Lay out the first screen and show the world as it stands."""
-        state = env.state_view
-        focus = {g.name: g.slots.start for g in env.groups.values() if g.size}
-        for agent in self._focus:
-            require(agent in env.possible_agents, f"focus: there is no agent {agent!r}.")
-            species = agent.rpartition("_")[0]
-            focus[species] = env.possible_agents.index(agent)
-        grid = maps.cover(env.scenario.arena)
-        self._minds, self._grid = minds, grid
+        state, scenario = env.state_view, env.scenario
+        self._env, self._minds, self._grid = env, minds, maps.cover(scenario.arena)
+        self._focus, self._census = Focus.of(env, self._asked), Census(env)
+        self._focus.look(state)
         self._scene = scene = Scene(
-            scenario=env.scenario,
-            groups=dict(env.groups),
-            focus=focus,
-            names={species: env.name_of(slot) for species, slot in focus.items()},
+            scenario=census.without_functions(scenario),
+            groups={name: group for name, group in env.groups.items() if group.size},
+            names={name: self._focus.name(name) for name in env.groups},
+            first=self._focus.first,
             told={name: tuple(minds[name].report()) for name in env.groups},
-            mapped={name: self._deviation(env.scenario, env.groups[name], slot) is not None
-                    for name, slot in focus.items()},
-            grid=grid,
-            run=self._name or env.scenario.name,
-        )  # fmt: skip
+            mapped={name: self._deviation(name) is not None for name in env.groups},
+            decides={name: self._decision(name, None) is not None for name in env.groups},
+            coupled=tuple(name for name in env.groups if env.coupling(name) is not None),
+            measures=tuple(scenario.measures),
+            grows=env.open_population,
+            marks=tuple(shapes.marked(scenario)),
+            grid=self._grid,
+            run=self._name or scenario.name,
+            every=self._every,
+            full=(self._detail or ("full" if env.size <= FEW else "lean")) == "full",
+            few=env.size <= FEW,
+        )
         self._open(state.tick)
         if self._connect:
             self._relay = Relay(self._connect, scene)
         self._samples: list[dict[str, Any]] = []
         self._steps: list[np.ndarray] = []
+        self._happened: list[Happening] = []
+        self._told: set[str] = set()  # species whose focus is another since the last sample
+        self._past: dict[str, Past] = {name: Past() for name in scene.groups}
         self._since = time.monotonic()
-        self._next_map = 0
-        nothing = np.zeros(env.size)
-        self._sample(state, nothing, state.action if state.tick else np.full(env.size, -1), minds)
-        self._map(state.tick, state.time)
+        self._next_map, self._sampled = 0, 0
+        self._sample(state, None)
+        self._map(state)
         self._send()
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
+        self._told.update(self._focus.look(state, anew=state.tick % FOCUS_TICKS == 0))
+        slots = np.array(list(self._focus.slots.values()), np.int64)
+        self._happened += self._census.watch(state, tick, None if self._scene.few else slots[slots >= 0])
+        for name, past in self._past.items():
+            past.follow(self._focus.serials[name], state.drive[self._focus.slots[name]])
         if state.tick % self._every:
-            self._steps.append(_placed(state))
+            self._steps.append(self._placed(state))
             return
-        self._sample(state, tick.reward, tick.action, minds)
+        self._sample(state, tick)
         if state.tick >= self._next_map:
-            self._map(state.tick, state.time)
+            self._map(state)
         wait = SECONDS_LIVE if self._port or self._relay else SECONDS_FILE
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
@@ -179,9 +222,9 @@ class RerunObserver:
         """Send what is left, close the file and put it in good order."""
         if self._rec is None:
             return
-        tick, now = self._last
-        if tick > self._mapped_at:
-            self._map(tick, now)
+        state = self._env.state_view
+        if state.tick > self._mapped_at and state.tick % self._every == 0:
+            self._map(state)
         self._send()
         rec, self._rec = self._rec, None
         try:
@@ -219,45 +262,106 @@ class RerunObserver:
             self._rec.set_sinks(*sinks, default_blueprint=self._scene.blueprint())
         self._scene.open(self._rec)
 
-    def _sample(self, state: State, reward: np.ndarray, action: np.ndarray, minds: Mapping[str, Mind]) -> None:
-        """Copy what a sample shows."""
-        alive = state.alive
-        self._steps.append(_placed(state))
+    # ---- what a sample holds ---------------------------------------------------------------
+
+    def _placed(self, state: State) -> np.ndarray:
+        """Return where those with a trail are, (k, 2): every slot, or one focus per species; the dead are nowhere."""
+        if self._scene.few:
+            return np.where(state.alive[:, None], state.position, np.nan).astype(np.float32)
+        slots = np.array([self._focus.slots[name] for name in self._scene.groups])
+        return np.where((slots >= 0)[:, None], state.position[slots], np.nan).astype(np.float32)
+
+    def _sample(self, state: State, tick: Tick | None) -> None:
+        """Copy what a sample shows; without a tick, the world as it stands before one."""
+        alive, scene = state.alive, self._scene
+        self._steps.append(self._placed(state))
         told = {}
-        for name, words in self._scene.told.items():
-            living = alive[self._scene.groups[name].slots]
-            report = minds[name].report() if words else {}
-            known = [np.asarray(report.get(word, np.nan)) * np.ones(len(living)) for word in words]
+        for name, group in scene.groups.items():
+            report = self._minds[name].report() if scene.told[name] else {}
+            living = alive[group.slots]
+            known = [np.asarray(report.get(word, np.nan)) * np.ones(len(living)) for word in scene.told[name]]
             told[name] = np.array([_mean(value[living]) for value in known], dtype=float)
-        self._last = state.tick, state.time
-        self._samples.append(
-            {
-                "tick": state.tick,
-                "time": state.time,
-                "heading": state.heading.astype(np.float32),
-                "internal": np.where(alive[:, None], state.internal, np.nan).astype(np.float32),
-                "drive": np.where(alive, state.drive, np.nan).astype(np.float32),
-                "reward": np.where(alive, reward, np.nan).astype(np.float32),
-                "action": np.where(alive, action, -1).astype(np.int16),
-                "steps": np.stack(self._steps),  # (ticks since the last sample, N, 2)
-                "resources": state.resource_position.astype(np.float32),
-                "told": told,
-            }
-        )
-        self._steps = []
+        acted = alive if tick is not None else alive & (state.tick > 0)
+        sample = {
+            "tick": state.tick,
+            "time": state.time,
+            "place": np.where(alive[:, None], state.position, np.nan).astype(np.float32),
+            "heading": state.heading.astype(np.float32),
+            "internal": np.where(alive[:, None], state.internal, np.nan).astype(np.float32),
+            "drive": np.where(alive, state.drive, np.nan).astype(np.float32),
+            "reward": np.where(alive, 0.0 if tick is None else tick.reward, np.nan).astype(np.float32),
+            "serial": state.serial.astype(np.int32),
+            "action": np.where(acted, state.action, DEAD).astype(np.uint8),
+            "steps": np.stack(self._steps),  # (ticks since the last sample, k, 2)
+            "resources": state.resource_position.astype(np.float32),
+            "stock": shapes.fullness(scene.scenario, state).astype(np.float32),
+            "told": told,
+            "happened": self._happened,
+            "focus": {name: self._look(name, state, tick) for name in scene.groups},
+            "born": self._census.born.copy(),
+            "died": self._census.died.copy(),
+            "stocks": census.stocks(scene.scenario, state),
+            "measures": np.array([float(m(state)) for m in self._env.scenario.measures.values()]),
+        }
+        if self._sampled % SPARSE == 0:
+            sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
+            sample["coupling"] = {name: self._coupling(name, state) for name in scene.coupled}
+        self._samples.append(sample)
+        self._sampled += 1
+        self._steps, self._happened, self._told = [], [], set()
 
-    def _deviation(self, scenario: Scenario, group: Group, slot: int) -> np.ndarray | None:
-        species = scenario.species[group.index]
-        return maps.deviation_maps(species, group, self._minds[group.name], slot - group.slots.start, self._grid)
+    def _look(self, name: str, state: State, tick: Tick | None) -> dict[str, Any]:
+        """Return what is shown of the agent in focus of a species."""
+        slot, past = self._focus.slots[name], self._past[name]
+        species = self._scene.scenario.species[self._scene.groups[name].index]
+        shown: dict[str, Any] = {"slot": slot, "name": self._focus.name(name), "anew": name in self._told}
+        if slot < 0:
+            return shown
+        seen = np.concatenate([state.resource_position[state.seen[slot]], state.position[self._env.sighted(slot)]])
+        gap = plane_of(self._scene.scenario.arena).gap(state.position[slot], seen)
+        shown["sight"] = state.position[slot] + gap
+        shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]))
+        decision = self._decision(name, tick) if tick is not None else None
+        if decision is not None:
+            shown["decision"] = decision
+            shown["error"] = np.asarray(decision["error"], float)
+            shown["met"] = past.judge(state.tick, state.time, float(decision["gamma"]), self._env.dt)
+        return shown
 
-    def _map(self, tick: int, now: float) -> None:
-        """Draw the deviation maps of the focus agents as they are."""
-        self._next_map, self._mapped_at = tick + self._maps_every, tick
+    def _decision(self, name: str, tick: Tick | None) -> dict[str, Any] | None:
+        """Return what the focus of a species weighs now; without a tick, whether it could."""
+        group = self._env.groups[name]
+        row = self._focus.slots[name] - group.slots.start
+        if not group.size or (tick is not None and row < 0):
+            return None
+        if tick is None:
+            zeta = np.zeros(len(group.layout.names), np.float32)
+            return self._minds[name].decision(0, zeta, np.ones(len(group.actions), bool))
+        return self._minds[name].decision(row, tick.observations[name][row], tick.masks[name][row])
+
+    def _coupling(self, name: str, state: State) -> np.ndarray | None:
+        """Return who feels whom and how much among the first living, (n, m)."""
+        found = self._env.coupling(name)
+        if found is None:
+            return None
+        weight, others = found
+        rows = np.flatnonzero(state.alive[self._scene.groups[name].slots])[:COUPLED]
+        columns = np.flatnonzero(state.alive[others])[:COUPLED]
+        return weight[np.ix_(rows, columns)].astype(np.float32) if rows.size and columns.size else None
+
+    def _deviation(self, name: str) -> np.ndarray | None:
+        group, slot = self._env.groups[name], self._focus.slots[name]
+        if not group.size:
+            return None
+        species = self._env.scenario.species[group.index]
+        return maps.deviation_maps(species, group, self._minds[name], max(slot - group.slots.start, 0), self._grid)
+
+    def _map(self, state: State) -> None:
+        """Draw the deviation maps of the agents in focus as they are."""
+        self._next_map, self._mapped_at = state.tick + self._maps_every, state.tick
         for name, there in self._scene.mapped.items():
-            if there:
-                scene = self._scene
-                found = self._deviation(scene.scenario, scene.groups[name], scene.focus[name])
-                self._show("draw_maps", tick, now, name, found)
+            if there and self._focus.slots[name] >= 0:
+                self._show("draw_maps", state.tick, state.time, name, self._deviation(name))
 
     def _send(self) -> None:
         samples, self._samples = self._samples, []
@@ -272,9 +376,34 @@ class RerunObserver:
             self._relay.put(pickle.dumps((what, arguments)))
 
 
-def _placed(state: State) -> np.ndarray:
-    """Return positions (N, 2); a dead body is nowhere, so that viewers do not draw it."""
-    return np.where(state.alive[:, None], state.position, np.nan).astype(np.float32)
+class Past:
+    """What the agent in focus felt at every tick, and what it had expected: J against what then happened."""
+
+    def __init__(self) -> None:
+        self._serial = -1
+        self._drive: deque[float] = deque()  # of the ticks since the oldest expectation
+        self._expected: deque[tuple[int, float]] = deque()  # tick and time
+
+    def follow(self, serial: int, drive: float) -> None:
+        """Take in the drive of a tick; another life begins anew."""
+        if serial != self._serial:
+            self._serial = serial
+            self._drive.clear()
+            self._expected.clear()
+        if self._expected:
+            self._drive.append(float(drive))
+
+    def judge(self, tick: int, now: float, gamma: float, dt: float) -> list[tuple[int, float, float]]:
+        """Note that J was told at `tick`; return (tick, time, discounted drive afterwards) of those long enough ago."""
+        met = []
+        self._expected.append((tick, now))
+        span = math.ceil(math.log(0.05) / math.log(gamma) / dt)  # ticks: what is later weighs 5 %
+        while tick - self._expected[0][0] >= span:
+            began, then = self._expected.popleft()
+            met.append((began, then, census.afterwards(np.array(self._drive)[:span], gamma, dt)))
+            for _ in range(self._expected[0][0] - began):
+                self._drive.popleft()
+        return met
 
 
 def _mean(value: np.ndarray) -> float:
@@ -287,13 +416,21 @@ class Scene:
     """What is drawn, and where: turns samples into Rerun's columns. Plain data, so that it can be sent."""
 
     scenario: Scenario
-    groups: Mapping[str, Group]
-    focus: Mapping[str, int]  # species -> slot
-    names: Mapping[str, str]  # species -> name of its focus agent
+    groups: Mapping[str, Group]  # with at least one slot
+    names: Mapping[str, str]  # species -> name of its focus at the start
+    first: str | None  # species that is shown first
     told: Mapping[str, tuple[str, ...]]  # species -> numbers that its mind reports
     mapped: Mapping[str, bool]  # species -> whether there are deviation maps
+    decides: Mapping[str, bool]  # species -> whether its mind shows its decisions
+    coupled: tuple[str, ...]  # species with empathy
+    measures: tuple[str, ...]  # of the scenario
+    grows: bool  # whether anyone can be born
+    marks: tuple[str, ...]  # kinds of events that can come up
     grid: maps.Grid
     run: str
+    every: int
+    full: bool  # whether every agent's drive and reward are recorded
+    few: bool  # whether every agent has a trail
     _acted: dict[str, int] = field(default_factory=dict)
     _resources: np.ndarray | None = None
 
@@ -302,67 +439,156 @@ class Scene:
         """Return the name under which the viewer keeps the layout: one per scenario."""
         return "ecology-" + re.sub(r"[^A-Za-z0-9_-]", "_", self.scenario.name)
 
+    @property
+    def crowd(self) -> bool:
+        """Return whether this is a population, not one agent."""
+        return sum(group.size for group in self.groups.values()) > 1
+
+    @property
+    def mixed(self) -> bool:
+        """Return whether there are several species: bodies have their colours, and headings show the drive."""
+        return len(self.groups) > 1
+
+    def colour(self, name: str) -> colours.Colour:
+        """Return the colour of a species."""
+        return colours.species_colour(self.groups[name].index, alone=not self.mixed)
+
+    @property
+    def _size(self) -> float:
+        """Return the longer side of the arena."""
+        return shapes.size(self.scenario)
+
+    @property
+    def _stocked(self) -> list[str]:
+        return [r.name for r in self.scenario.resources if math.isfinite(r.stock)]
+
+    # ---- what does not change ---------------------------------------------------------------
+
     def open(self, rec: rr.RecordingStream) -> None:
         """Draw what does not change."""
         rec.set_log_time_enabled(False)
         rec.send_recording_name(self.run)
         rec.log("world", rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), static=True)
+        shown = colours.scale(DRIVE_SCALE)[np.linspace(0, colours.SHADES - 1, STEPS).round().astype(int)]
+        top = colours.highest_drive(self.scenario)
+        rec.log(
+            "world",
+            rr.AnnotationContext(
+                [
+                    (i, f"drive {'≥ ' * (i == STEPS - 1)}{top * i / (STEPS - 1):.2f}", c.tolist())
+                    for i, c in enumerate(shown)
+                ]
+            ),
+            static=True,
+        )
         self._draw_arena(rec)
+        self._draw_legend(rec)
         for name, group in self.groups.items():
-            if group.size:
-                self._open_species(rec, name, self.scenario.species[group.index])
+            self._open_species(rec, name, self.scenario.species[group.index])
+        for kind, shade in MARKED.items():
+            rec.log(
+                f"world/marks/{kind}",
+                rr.LineStrips2D.from_fields(colors=[shade], radii=rr.Radius.ui_points(0.8), draw_order=25),
+                static=True,
+            )
+        self._open_population(rec)
 
     def _draw_arena(self, rec: rr.RecordingStream) -> None:
-        corners = np.array((*self.scenario.arena.vertices, self.scenario.arena.vertices[0]), float)
-        rec.log("world/walls", rr.LineStrips2D([corners], colors=[WALL], draw_order=5), static=True)
-        fine = maps.cover(self.scenario.arena, 400)
+        arena = self.scenario.arena
+        corners = np.array((*arena.vertices, arena.vertices[0]), float)
+        shade = WALL if arena.walls else FAINT
+        rec.log("world/walls", rr.LineStrips2D([corners], colors=[shade], draw_order=5), static=True)
+        fine = maps.cover(arena, 400)
         floor = np.where(fine.inside[..., None], FLOOR, BACKGROUND).astype(np.uint8)
         _lay(rec, "world/floor", fine.corner, (fine.cell, fine.cell))
         rec.log("world/floor", rr.Image(floor, draw_order=-30), static=True)
         # axes: a number at round places below and left of the arena
         low, high = corners.min(axis=0), corners.max(axis=0)
-        size = float((high - low).max())
-        step = _round_step(size / 8)
+        step = _round_step(self._size / 8)
         places, words = [], []
         for axis in range(2):
             for value in np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step):
-                place = low - 0.035 * size
+                place = low - 0.035 * self._size
                 place[axis] = value
                 places.append(place)
                 words.append(f"{'xy'[axis]} {value:g}" if value == low[axis] else f"{value:g}")
         _write(rec, "world/axes", places, words)
-        # legend: the colour scale of the drive, and the species' colours
+
+    def _legend(self) -> list[tuple[str, colours.Colour]]:
+        """Return what the legend says besides the drive: words with their colour."""
+        found = [(name, self.colour(name)) for name in self.groups] if self.mixed else []
+        shades = colours.resource_colours(self.scenario)
+        found += [(r.name, s) for r, s in zip(self.scenario.resources, shades, strict=True) if r.count > 1]
+        found += [(shapes.KINDS[kind], MARKED[kind]) for kind in self.marks]
+        return found
+
+    def _rows(self) -> list[list[tuple[float, str, colours.Colour]]]:
+        """Return the rows of the legend: words with their place along x, from the arena's left side."""
+        width = np.ptp(np.array(self.scenario.arena.vertices, float)[:, 0])
+        rows: list[list[tuple[float, str, colours.Colour]]] = [[]]
+        at = 0.0
+        for word, shade in self._legend():
+            wide = self._size * (0.05 + 0.0125 * len(word))
+            if at + wide > width and rows[-1]:
+                rows.append([])
+                at = 0.0
+            rows[-1].append((at, word, shade))
+            at += wide
+        return rows if rows[0] else []
+
+    def _draw_legend(self, rec: rr.RecordingStream) -> None:
+        """Write the colour scale of the drive above the arena, and above it what else has a colour."""
+        low, high = np.array(self.scenario.arena.extent)
+        size = self._size
         top, wide, tall = high[1] + 0.06 * size, 0.3 * size, 0.02 * size
         bar = np.tile(colours.scale(DRIVE_SCALE), (2, 1, 1))  # (2, SHADES, 3)
         _lay(rec, "world/legend/drive", (float(low[0]), float(top)), (wide / bar.shape[1], tall / 2))
         rec.log("world/legend/drive", rr.Image(bar), static=True)
-        places = [(low[0], top), (low[0] + wide, top)]
-        words = ["drive 0", f"{colours.highest_drive(self.scenario):.1f}"]
-        _write(rec, "world/legend/numbers", places, words)
-        if len(self.groups) > 1:
-            start, gap = low[0] + 1.35 * wide, (high[0] - low[0] - 1.35 * wide) / len(self.groups)
-            places = [(start + i * gap, top + tall / 2) for i in range(len(self.groups))]
-            shades = [colours.species_colour(g.index) for g in self.groups.values()]
-            rec.log(
-                "world/legend/species",
-                rr.Points2D(places, radii=0.01 * size, colors=shades, labels=list(self.groups), show_labels=True),
-                static=True,
-            )
+        what = "heading: drive 0" if self.mixed else "body: drive 0"
+        places = [(low[0] + 0.02 * size, top), (low[0] + wide, top)]
+        _write(rec, "world/legend/numbers", places, [what, f"{colours.highest_drive(self.scenario):.1f}"])
+        for i, row in enumerate(self._rows()):
+            y = high[1] + (0.12 + 0.055 * i) * size
+            xs = np.array([low[0] + at + 0.012 * size for at, _, _ in row])
+            shades = [shade for _, _, shade in row]
+            dots = np.stack([xs, np.full(len(row), y)], axis=1)
+            rec.log(f"world/legend/{i}", rr.Points2D(dots, radii=0.009 * size, colors=shades), static=True)
+            middle = [(x + (0.02 + 0.006 * len(word)) * size, y + 0.022 * size)
+                      for x, (_, word, _) in zip(xs, row, strict=True)]  # fmt: skip
+            _write(rec, f"world/legend/{i}/words", middle, [word for _, word, _ in row])
+
+    def radius(self, species: Species) -> float:
+        """Return the radius with which a body is drawn."""
+        return shapes.radius(self.scenario, species)
 
     def _open_species(self, rec: rr.RecordingStream, name: str, species: Species) -> None:
-        colour = colours.species_colour(self.groups[name].index)
-        body, heading, trail = (f"world/{part}/{name}" for part in ("agents", "heading", "trail"))
-        rec.log(body, rr.Points2D.from_fields(radii=species.radius, draw_order=20), static=True)
-        rec.log(heading, rr.Arrows2D.from_fields(radii=0.18 * species.radius, colors=[colour], draw_order=21),
+        colour, radius = self.colour(name), self.radius(species)
+        body = f"world/agents/{name}"
+        # the other one is coloured by class: the drive
+        of_body, of_arrow = ([colour], None) if self.mixed else (None, [colour])
+        points = rr.Points2D.from_fields(radii=radius, colors=of_body, show_labels=False, draw_order=20)
+        rec.log(body, points, static=True)
+        arrows = rr.Arrows2D.from_fields(radii=0.2 * radius, colors=of_arrow, show_labels=False)
+        rec.log(body, arrows, static=True)
+        trail = colours.shaded(colour, 0.6)
+        rec.log(f"world/trail/{name}", rr.Points2D.from_fields(radii=0.25 * radius, colors=[trail], draw_order=10),
                 static=True)  # fmt: skip
-        rec.log(trail, rr.Points2D.from_fields(radii=0.25 * species.radius, colors=[colour], draw_order=10),
+        thin = rr.Radius.ui_points(0.4)
+        rec.log(f"world/focus/{name}", rr.LineStrips2D.from_fields(colors=[FAINT], radii=thin, draw_order=15),
                 static=True)  # fmt: skip
-        base = f"focus/{name}"
-        _series(rec, f"{base}/deviation", [need.name for need in species.needs],
-                [colours.need_colour(i) for i in range(len(species.needs))])  # fmt: skip
-        many = species.count > 1
-        _series(rec, f"{base}/drive", [self.names[name], *(["mean of the species"] if many else [])],
+        label = rr.Points2D.from_fields(radii=1e-4, colors=[INK], show_labels=True, draw_order=30)
+        rec.log(f"world/focus/{name}/name", label, static=True)
+        base, shades = f"focus/{name}", [colours.need_colour(i) for i in range(len(species.needs))]
+        _series(rec, f"{base}/deviation", [need.name for need in species.needs], shades)
+        words, lines = [], []
+        for need, shade in zip(species.needs, shades, strict=True):
+            words += [need.name, "set point", "lower bound", "upper bound"]
+            lines += [shade, INK, FAINT, FAINT]
+        _series(rec, f"{base}/needs", words, lines, [2.0, 1.0, 1.0, 1.0] * len(species.needs))
+        many = self.groups[name].size > 1
+        _series(rec, f"{base}/drive", ["in focus" if many else self.names[name], *(["mean of the species"] * many)],
                 [(240, 240, 240), colours.PALETTE[0]])  # fmt: skip
+        _series(rec, f"{base}/reward", ["reward"], [colours.PALETTE[1]])
         rec.log(
             f"{base}/action",
             rr.StateConfiguration(
@@ -372,9 +598,16 @@ class Scene:
             ),
             static=True,
         )
-        for part, words in zip(("losses", "numbers"), _losses(self.told[name]), strict=True):
-            if words:
-                _series(rec, f"learning/{name}/{part}", words, colours.PALETTE)
+        for part, told in zip(("losses", "numbers"), _losses(self.told[name]), strict=True):
+            if told:
+                _series(rec, f"learning/{name}/{part}", told, colours.PALETTE)
+        if self.decides[name]:
+            layout = self.groups[name].layout
+            _series(
+                rec, f"learning/{name}/error", layout.names, [colours.need_colour(i) for i in range(len(layout.names))]
+            )
+            _series(rec, f"learning/{name}/J", ["-ln(gamma) J"], [colours.PALETTE[0]])
+            _series(rec, f"learning/{name}/met", ["drive met afterwards, discounted"], [colours.PALETTE[1]])
         for i in maps.mapped_needs(species) if self.mapped.get(name) else ():
             _lay(
                 rec,
@@ -383,54 +616,68 @@ class Scene:
                 (self.grid.cell,) * 2,
             )
 
+    def _open_population(self, rec: rr.RecordingStream) -> None:
+        """Name and colour the series of the populations."""
+        if not self.crowd:
+            return
+        names, shades = list(self.groups), [self.colour(name) for name in self.groups]
+        dim = [colours.shaded(shade, 0.55) for shade in shades]
+        _series(rec, "population/count", names, shades, [2.0] * len(names))
+        _series(rec, "population/flow", [f"{n} born" for n in names] + [f"{n} died" for n in names], shades + dim)
+        words = [word for n in names for word in (n, f"{n} - sd", f"{n} + sd")]
+        thrice = [each for shade, faint in zip(shades, dim, strict=True) for each in (shade, faint, faint)]
+        _series(rec, "population/drive", words, thrice, [2.0, 0.8, 0.8] * len(names))
+        if self._stocked:
+            food = dict(
+                zip((r.name for r in self.scenario.resources), colours.resource_colours(self.scenario), strict=True)
+            )
+            _series(rec, "population/stocks", self._stocked, [food[n] for n in self._stocked])
+        if self.measures:
+            _series(rec, "population/measures", self.measures, colours.PALETTE)
+
+    # ---- what a sample brings ---------------------------------------------------------------
+
     def draw(self, rec: rr.RecordingStream, samples: Sequence[Mapping[str, Any]]) -> None:
         """Send samples, in columns."""
         column = {
             key: np.stack([s[key] for s in samples])
-            for key in ("tick", "time", "heading", "internal", "drive", "reward", "action")
+            for key in ("tick", "time", "place", "heading", "internal", "drive", "reward", "serial", "action")
         }
-        n = len(samples)
-        times = [
-            rr.TimeColumn("tick", sequence=column["tick"]),
-            rr.TimeColumn("sim_time", duration=column["time"]),
-        ]
+        times = _times(column["tick"], column["time"])
+        self._draw_resources(rec, times, samples)
+        turn = 2 * np.pi / COMPASS
+        angle = (column["heading"] / turn).round() * turn
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)  # (n, N, 2)
         top = colours.highest_drive(self.scenario)
-        shown = _packed(colours.shade(DRIVE_SCALE, column["drive"], 0.0, top))  # (n, N)
-        place = np.stack([s["steps"][-1] for s in samples])  # (n, N, 2)
-        self._draw_resources(rec, samples[-1])
-        for name, group in self.groups.items():
-            if not group.size:
-                continue
+        level = (np.clip(np.nan_to_num(column["drive"]) / top, 0, 1) * (STEPS - 1)).round().astype(np.uint16)
+        for i, (name, group) in enumerate(self.groups.items()):
             species, rows = self.scenario.species[group.index], group.slots
-            each = [group.size] * n
-            xy = place[:, rows].reshape(-1, 2)
-            numbers = {need.name: column["internal"][:, rows, i] for i, need in enumerate(species.needs)}
-            numbers |= {key: column[key][:, rows] for key in ("drive", "reward", "action")}
+            each = [group.size] * len(samples)
+            numbers = {need.name: column["internal"][:, rows, k] for k, need in enumerate(species.needs)}
+            extra = ("drive", "reward") if self.full else ()
+            numbers |= {key: column[key][:, rows] for key in (*extra, "serial", "action")}
+            drive = {"class_ids": level[:, rows].reshape(-1)}
+            arrow = (2.5 * self.radius(species) * way[:, rows]).reshape(-1, 2)
+            at = column["place"][:, rows].reshape(-1, 2)
             rec.send_columns(
                 f"world/agents/{name}",
                 times,
                 [
-                    *rr.Points2D.columns(positions=xy, colors=shown[:, rows].reshape(-1)).partition(each),
+                    *rr.Points2D.columns(positions=at, **({} if self.mixed else drive)).partition(each),
+                    *rr.Arrows2D.columns(vectors=arrow, **(drive if self.mixed else {})).partition(each),
                     *rr.AnyValues.columns(
                         **{key: pa.array(value.reshape(-1)) for key, value in numbers.items()}
                     ).partition(each),
                 ],
             )
-            angle = column["heading"][:, rows].reshape(-1)
-            arrow = 2.5 * species.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            rec.send_columns(
-                f"world/heading/{name}",
-                times,
-                rr.Arrows2D.columns(origins=xy, vectors=arrow).partition(each),
-            )
-            who = rows if group.size <= TRAILS else slice(self.focus[name], self.focus[name] + 1)
+            who = rows if self.few else slice(i, i + 1)
             steps = [s["steps"][:, who].reshape(-1, 2) for s in samples]
             rec.send_columns(
                 f"world/trail/{name}",
                 times,
                 rr.Points2D.columns(positions=np.concatenate(steps)).partition([len(s) for s in steps]),
             )
-            self._draw_focus(rec, name, species, times, column)
+            self._draw_focus(rec, name, species, samples, times, column)
             told = np.stack([s["told"][name] for s in samples])  # (n, K)
             for part, words in zip(("losses", "numbers"), _losses(self.told[name]), strict=True):
                 if words:
@@ -438,57 +685,162 @@ class Scene:
                     if part == "losses":
                         value = np.log10(np.where(value > 0, value, np.nan))
                     _scalars(rec, f"learning/{name}/{part}", times, value)
+        self._draw_marks(rec, times, samples)
+        self._tell(rec, samples)
+        if self.crowd:
+            self._draw_population(rec, samples, times, column)
 
     def _draw_focus(
         self,
         rec: rr.RecordingStream,
         name: str,
         species: Species,
+        samples: Sequence[Mapping[str, Any]],
         times: list[rr.TimeColumn],
         column: Mapping[str, np.ndarray],
     ) -> None:
-        slot, rows = self.focus[name], self.groups[name].slots
-        target = np.array([need.set_point for need in species.needs])
-        _scalars(rec, f"focus/{name}/deviation", times, column["internal"][:, slot, : len(target)] - target)
-        drive = [column["drive"][:, slot]]
-        if species.count > 1:
+        shown = [s["focus"][name] for s in samples]
+        n, rows = np.arange(len(samples)), self.groups[name].slots
+        slot = np.array([f["slot"] for f in shown])
+        gap = np.where((slot < 0) | [f["anew"] for f in shown], np.nan, 0.0)  # a series breaks between two lives
+        needs = species.needs
+        x = column["internal"][n, slot][:, : len(needs)] + gap[:, None]
+        target = np.array([need.set_point for need in needs])
+        bounds = np.array([(need.set_point, need.low, need.bounds[1]) for need in needs])
+        bounds[~np.isfinite(bounds)] = np.nan
+        beside = np.broadcast_to(bounds, (len(n), *bounds.shape))
+        _scalars(rec, f"focus/{name}/deviation", times, x - target)
+        _scalars(rec, f"focus/{name}/needs", times, np.concatenate([x[..., None], beside], axis=-1).reshape(len(n), -1))
+        drive = [column["drive"][n, slot] + gap]
+        if self.groups[name].size > 1:
             drive.append(np.array([_mean(row) for row in column["drive"][:, rows]]))
         _scalars(rec, f"focus/{name}/drive", times, np.stack(drive, axis=1))
-        action = column["action"][:, slot]
+        _scalars(rec, f"focus/{name}/reward", times, (column["reward"][n, slot] + gap)[:, None])
+        self._draw_action(rec, name, species, column["tick"], column["time"],
+                          np.where(slot < 0, DEAD, column["action"][n, slot]))  # fmt: skip
+        # the view field and the lines of sight, in the plane
+        strips: list[np.ndarray] = []
+        lengths, labels = [], []
+        for f, at in zip(shown, column["place"][n, slot], strict=True):
+            seen = [np.stack([at, there]) for there in f.get("sight", ())]
+            outline = f.get("field", np.empty((0, 2)))
+            seen += [outline] if len(outline) else []
+            strips += seen
+            lengths.append(len(seen))
+            labels.append(f["name"])
+        rec.send_columns(f"world/focus/{name}", times, rr.LineStrips2D.columns(strips=strips).partition(lengths))
+        if self.crowd:
+            place = np.where((slot < 0)[:, None], np.nan, column["place"][n, slot])
+            place = place - [0.0, 1.2 * self.radius(species)]
+            rec.send_columns(f"world/focus/{name}/name", times, rr.Points2D.columns(positions=place, labels=labels))
+        self._draw_decisions(rec, name, shown, column)
+
+    def _draw_action(
+        self,
+        rec: rr.RecordingStream,
+        name: str,
+        species: Species,
+        tick: np.ndarray,
+        now: np.ndarray,
+        action: np.ndarray,
+    ) -> None:
         before = np.concatenate([[self._acted.get(name, -2)], action[:-1]])
         self._acted[name] = int(action[-1])
         changed = np.flatnonzero(action != before)
         if changed.size:
+            words = [species.actions[a].name if a != DEAD else "" for a in action[changed]]
             rec.send_columns(
-                f"focus/{name}/action",
-                [
-                    rr.TimeColumn("tick", sequence=column["tick"][changed]),
-                    rr.TimeColumn("sim_time", duration=column["time"][changed]),
-                ],
-                rr.StateChange.columns(state=[species.actions[a].name if a >= 0 else "" for a in action[changed]]),
+                f"focus/{name}/action", _times(tick[changed], now[changed]), rr.StateChange.columns(state=words)
             )
 
-    def _draw_resources(self, rec: rr.RecordingStream, sample: Mapping[str, Any]) -> None:
-        """Draw the resources, again only where they have moved."""
-        place, resources = sample["resources"], self.scenario.resources
-        if not resources or (self._resources is not None and np.array_equal(place, self._resources)):
+    def _draw_decisions(
+        self, rec: rr.RecordingStream, name: str, shown: Sequence[Mapping[str, Any]], column: Mapping[str, np.ndarray]
+    ) -> None:
+        """Write what the agent in focus weighs, and how its f and its J fare."""
+        at = np.array([i for i, f in enumerate(shown) if "decision" in f], int)
+        if not at.size:
             return
-        self._resources = place
-        rec.set_time("tick", sequence=sample["tick"])
-        rec.set_time("sim_time", duration=float(sample["time"]))
-        radii = np.array([r.radius for r in resources], np.float32)
-        shades = colours.resource_colours(self.scenario)
-        circles = {"centers": place, "half_sizes": np.stack([radii, radii], axis=1)}
-        rec.log("world/resources", rr.Ellipses2D(**circles, colors=shades, draw_order=8))
-        # a dark rim, so that a circle stands out from a map of its own colour
-        wide = rr.Radius.ui_points(3.0)
-        rec.log(
-            "world/resources/rim",
-            rr.Ellipses2D(**circles, colors=[BACKGROUND], line_radii=wide, draw_order=7),
+        times = _times(column["tick"][at], column["time"][at])
+        told = [shown[i]["decision"] for i in at]
+        each = [len(d["names"]) for d in told]
+        keys = ("next_drive", "slope", "sum", "score", "open")
+        numbers = {key: pa.array(np.concatenate([np.asarray(d[key]) for d in told])) for key in keys}
+        text = [_table(shown[i]["name"], d) for i, d in zip(at, told, strict=True)]
+        rec.send_columns(
+            f"focus/{name}/decision",
+            times,
+            [
+                *rr.TextDocument.columns(text=text, media_type=["text/markdown"] * len(text)),
+                *rr.AnyValues.columns(**numbers).partition(each),
+            ],
         )
-        names = [r.name for r in resources]
-        beside = [self._beside(xy, r.radius, len(r.name)) for xy, r in zip(place, resources, strict=True)]
-        rec.log("world/resources/names", *_text(beside, names, shades))
+        _scalars(rec, f"learning/{name}/error", times, np.stack([shown[i]["error"] for i in at]))
+        _scalars(rec, f"learning/{name}/J", times, np.array([[d["J"]] for d in told]))
+        met = [each for i in at for each in shown[i]["met"]]
+        if met:
+            ticks, nows, value = (np.array(part) for part in zip(*met, strict=True))
+            _scalars(rec, f"learning/{name}/met", _times(ticks, nows), value[:, None])
+
+    def _draw_resources(
+        self, rec: rr.RecordingStream, times: list[rr.TimeColumn], samples: Sequence[Mapping[str, Any]]
+    ) -> None:
+        """Draw the resources again where they have moved, and how full the finite ones are."""
+        resources = [r for r in self.scenario.resources for _ in range(r.count)]
+        if not resources:
+            return
+        shades = colours.resource_colours(self.scenario)
+        kind = np.repeat(np.arange(len(self.scenario.resources)), [r.count for r in self.scenario.resources])
+        each = [shades[k] for k in kind]
+        radii = np.array([r.radius for r in resources], np.float32)
+        place = np.stack([s["resources"] for s in samples])  # (n, R, 2)
+        before = np.concatenate([place[:1] if self._resources is None else self._resources[None], place[:-1]])
+        moved = np.flatnonzero((place != before).any(axis=(1, 2)))
+        if self._resources is None:
+            moved = np.union1d([0], moved)
+            thin = rr.Radius.ui_points(1.0 if len(resources) > len(shades) else 1.5)
+            line = rr.Ellipses2D.from_fields(colors=each, line_radii=thin, draw_order=8)
+            rec.log("world/resources", line, static=True)
+            # a dark rim, so that a circle stands out from a map of its own colour
+            rim = rr.Ellipses2D.from_fields(colors=[BACKGROUND], line_radii=rr.Radius.ui_points(3.0), draw_order=7)
+            rec.log("world/resources/rim", rim, static=True)
+            full = rr.Points2D.from_fields(colors=[colours.shaded(s, 0.5) for s in each], draw_order=6)
+            rec.log("world/resources/stock", full, static=True)
+            single = [k for k, r in enumerate(self.scenario.resources) if r.count == 1]
+            words = rr.Points2D.from_fields(
+                radii=1e-4,
+                labels=[self.scenario.resources[k].name for k in single],
+                colors=[shades[k] for k in single],
+                show_labels=True,
+                draw_order=30,
+            )
+            rec.log("world/resources/names", words, static=True)
+        self._resources = place[-1]
+        some = [times[0], times[1]] if len(moved) == len(samples) else _times(
+            np.array([samples[int(i)]["tick"] for i in moved]), np.array([samples[int(i)]["time"] for i in moved])
+        )  # fmt: skip
+        finite = not all(r.constant for r in resources)
+        if moved.size:
+            parts, at = [len(resources)] * len(moved), place[moved].reshape(-1, 2)
+            half = np.tile(np.stack([radii, radii], axis=1), (len(moved), 1))
+            circles = [*rr.Ellipses2D.columns(centers=at, half_sizes=half).partition(parts)]
+            rec.send_columns("world/resources", some, circles)
+            rec.send_columns("world/resources/rim", some, circles)
+            if finite:
+                rec.send_columns("world/resources/stock", some, rr.Points2D.columns(positions=at).partition(parts))
+            first = [int(np.flatnonzero(kind == k)[0]) for k, r in enumerate(self.scenario.resources) if r.count == 1]
+            beside = [self._beside(p[k], radii[k], len(resources[k].name)) for p in place[moved] for k in first]
+            if first:
+                words_ = rr.Points2D.columns(positions=beside).partition([len(first)] * len(moved))
+                rec.send_columns("world/resources/names", some, words_)
+        if finite:
+            full_ = (STEPS * np.sqrt(np.stack([s["stock"] for s in samples]))).round() / STEPS * radii
+            rec.send_columns(
+                "world/resources/stock",
+                times,
+                rr.Points2D.columns(radii=full_.astype(np.float32).reshape(-1)).partition(
+                    [len(resources)] * len(samples)
+                ),
+            )
 
     def _beside(self, centre: np.ndarray, radius: float, letters: int) -> tuple[float, float]:
         """Return where a word may hang below or above a circle without lying on a wall."""
@@ -503,6 +855,98 @@ class Scene:
                 if not walls.intersects(shapely.box(x - half, top - tall, x + half, top)):
                     return x, top
         return x, y - radius
+
+    def _draw_marks(
+        self, rec: rr.RecordingStream, times: list[rr.TimeColumn], samples: Sequence[Mapping[str, Any]]
+    ) -> None:
+        """Mark births, deaths, bites and gifts where they happened since the last sample."""
+        wide = max(self.radius(species) for species in self.scenario.species)
+        far = max(action.reach for species in self.scenario.species for action in species.actions)
+        for kind in MARKED:
+            found = [[e for e in s["happened"] if e.kind == kind] for s in samples]
+            if not any(found):
+                continue
+            strips, lengths = [], []
+            for events in found:
+                mine = [strip for e in events for strip in shapes.mark(kind, e.place, e.other_place, wide)][: 2 * MARKS]
+                if kind in ("bit", "gave"):  # who was put elsewhere after it is not joined by a line
+                    mine = [strip for strip in mine if np.hypot(*(strip[1] - strip[0])) <= 2 * far]
+                strips += mine
+                lengths.append(len(mine))
+            rec.send_columns(f"world/marks/{kind}", times, rr.LineStrips2D.columns(strips=strips).partition(lengths))
+
+    def _tell(self, rec: rr.RecordingStream, samples: Sequence[Mapping[str, Any]]) -> None:
+        """Write the event log: every event of a few agents, of many the most telling, and how many more."""
+        groups = list(self.groups.values())
+        for group in groups:
+            rows: list[tuple[int, float, str, str]] = []
+            most = LINES[self.few]
+            for s in samples:
+                left: dict[str, int] = {}
+                focus = s["focus"][group.name]
+                if focus["anew"]:
+                    rows.append((s["tick"], s["time"], "focus", f"now in focus: {focus['name']}"))
+                for event in s["happened"]:
+                    mine = (event.slot >= group.slots.start) & (event.slot < group.slots.stop)
+                    for i in np.flatnonzero(mine):
+                        left[event.kind] = left.get(event.kind, 0) + 1
+                        if left[event.kind] <= most:
+                            words = census.words(self.scenario, groups, event, int(i))
+                            rows.append((event.tick, event.time, event.kind, words))
+                rows += [
+                    (s["tick"], s["time"], kind, f"and {many - most} more {group.name} {kind}")
+                    for kind, many in left.items()
+                    if many > most
+                ]
+            if rows:
+                ticks, nows, kinds, texts = zip(*rows, strict=True)
+                shades = _packed(np.array([MARKED.get(kind, FAINT) for kind in kinds], np.uint8))
+                rec.send_columns(
+                    f"events/{group.name}",
+                    _times(np.array(ticks), np.array(nows)),
+                    rr.TextLog.columns(text=texts, level=kinds, color=shades),
+                )
+
+    def _draw_population(
+        self,
+        rec: rr.RecordingStream,
+        samples: Sequence[Mapping[str, Any]],
+        times: list[rr.TimeColumn],
+        column: Mapping[str, np.ndarray],
+    ) -> None:
+        """Draw numbers, births and deaths, drives, ages, stocks, measures and couplings."""
+        count, drives = [], []
+        for group in self.groups.values():
+            drive = column["drive"][:, group.slots]
+            lives = np.isfinite(drive)
+            many = lives.sum(axis=1)
+            total = np.where(lives, drive, 0.0).sum(axis=1)
+            mean = np.divide(total, many, out=np.full(len(many), np.nan), where=many > 0)
+            off = np.where(lives, drive - mean[:, None], 0.0)
+            spread = np.sqrt(np.divide((off**2).sum(axis=1), many, out=np.full(len(many), np.nan), where=many > 0))
+            count.append(many.astype(float))
+            drives += [mean, mean - spread, mean + spread]
+        _scalars(rec, "population/count", times, np.stack(count, axis=1))
+        _scalars(rec, "population/drive", times, np.stack(drives, axis=1))
+        index = [group.index for group in self.groups.values()]
+        flow = np.stack([np.concatenate([s["born"][index], s["died"][index]]) for s in samples]).astype(float)
+        _scalars(rec, "population/flow", times, flow)
+        for word, there in (("stocks", self._stocked), ("measures", self.measures)):
+            if there:
+                _scalars(rec, f"population/{word}", times, np.stack([s[word] for s in samples]))
+        for s in samples:
+            if "ages" not in s:
+                continue
+            rec.set_time("tick", sequence=s["tick"])
+            rec.set_time("sim_time", duration=float(s["time"]))
+            for name, (middle, number) in s["ages"].items():
+                shade, wide = self.colour(name), np.full(len(middle), 0.9 * 2 * middle[0])
+                rec.log(
+                    f"population/ages/{name}", rr.BarChart(number, abscissa=middle - wide / 2, widths=wide, color=shade)
+                )
+            for name, weight in s["coupling"].items():
+                if weight is not None:
+                    rec.log(f"population/coupling/{name}", rr.Tensor(weight, dim_names=("feels", "felt")))
 
     def draw_maps(self, rec: rr.RecordingStream, tick: int, now: float, name: str, found: np.ndarray | None) -> None:
         """Send the deviation maps (k, rows, columns) of a species' focus agent."""
@@ -533,15 +977,23 @@ class Scene:
     # ---- the first screen ------------------------------------------------------------------
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return the layout: the arena over the maps on the left, one agent's life on the right."""
-        there = [name for name, group in self.groups.items() if group.size]
-        arena: rrb.View | rrb.Container = self._arena_view(there)
-        drawn = [self._map_views(name) for name in there if self.mapped.get(name)]
-        if drawn:
-            arena = rrb.Vertical(arena, _one_or_tabs(drawn), row_shares=[2.3, 1])
-        lives = _one_or_tabs([self._life_views(name) for name in there])
+        """Return the layout: the arena over the maps on the left; on the right a life, or populations and lives."""
+        there = sorted(self.groups, key=lambda name: name != self.first)
+        arena = self._arena_view()
+        below = [self._map_views(name) for name in there if self.mapped.get(name)]
+        events: rrb.View = rrb.TextLogView(
+            origin="/events", name="events", columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+        )
+        if self.crowd:
+            left = rrb.Vertical(arena, rrb.Tabs(events, *below, active_tab=0), row_shares=[2.6, 1])
+            right: rrb.Container | rrb.View = rrb.Tabs(
+                self._population_views(), *(self._life_views(name) for name in there), active_tab=int(bool(self.first))
+            )
+        else:
+            left = rrb.Vertical(arena, rrb.Tabs(*below, events, active_tab=0), row_shares=[2.3, 1])
+            right = self._life_views(there[0]) if there else events
         return rrb.Blueprint(
-            rrb.Horizontal(arena, lives, column_shares=[1.1, 1]),
+            rrb.Horizontal(left, right, column_shares=[1.1, 1]),
             rrb.TimePanel(timeline="tick", play_state="following", state="collapsed"),
             collapse_panels=True,
             auto_layout=False,
@@ -558,14 +1010,32 @@ class Scene:
             y_range=[-high[1] - above * size, -low[1] + below * size],
         )
 
-    def _arena_view(self, there: Sequence[str]) -> rrb.Spatial2DView:
+    def _arena_view(self) -> rrb.Spatial2DView:
+        overrides: dict[Any, Any] = {
+            f"world/trail/{name}": _last(TRAIL_TICKS, self.scenario.dt) for name in self.groups
+        }
+        # arrows begin where bodies are: the positions are recorded once
+        origin = VisualizerComponentMapping(
+            target="Arrows2D:origins",
+            source_kind=ComponentSourceKind.SourceComponent,
+            source_component="Points2D:positions",
+        )
+        for name in self.groups:
+            overrides[f"world/agents/{name}"] = [
+                rr.Points2D.from_fields().visualizer(),
+                rr.Arrows2D.from_fields(draw_order=21).visualizer(mappings=[origin]),
+            ]
+        recent = max(MARK_TICKS, 2 * self.every) if self.few else self.every - 1  # of many, the last sample's alone
+        overrides |= {f"world/marks/{kind}": _last(recent, self.scenario.dt) for kind in MARKED}
+        whose = "all" if self.few else "the focus"
+        what = f"trails of {TRAIL_TICKS} ticks ({whose})" if self.crowd else f"its trail of {TRAIL_TICKS} ticks"
         return rrb.Spatial2DView(
             origin="/",
             contents=["+ /world/**", "- /world/maps/**"],
-            name=f"{self.run}: bodies by drive, with heading and the trail of {TRAIL_TICKS} ticks",
+            name=f"{self.run}: {what}, view field and lines of sight of the focus",
             background=BACKGROUND,
-            visual_bounds=self._bounds(0.09, 0.11),
-            overrides={f"world/trail/{name}": _last(TRAIL_TICKS, self.scenario.dt) for name in there},
+            visual_bounds=self._bounds(0.09, 0.11 + 0.055 * len(self._rows())),
+            overrides=overrides,
         )
 
     def _map_views(self, name: str) -> rrb.Container:
@@ -584,73 +1054,167 @@ class Scene:
                     ],
                     name=f"J, {need.name} at {-need.set_point:g}",
                     background=BACKGROUND,
-                    visual_bounds=self._bounds(0.12, 0.03),
+                    visual_bounds=self._bounds(0.19, 0.03),
                 )
             )
-        return rrb.Grid(*views, grid_columns=len(views), name=f"deviation of {self.names[name]}")
+        return rrb.Grid(*views, grid_columns=len(views), name=f"deviation of {self._who(name)}")
+
+    def _who(self, name: str) -> str:
+        """Return what the agent in focus is called in a title: its name, or a word where it can change."""
+        return f"{name} in focus" if self.groups[name].size > 1 or self.grows else self.names[name]
+
+    def _population_views(self) -> rrb.Container:
+        """Return the panels of the populations."""
+        count = _plot("/population/count", "living, number")
+        flow = _plot("/population/flow", "born and died so far, number")
+        drive = _plot("/population/drive", "drive of the living: mean and spread (one sd)")
+        bars = [
+            rrb.BarChartView(
+                origin=f"/population/ages/{name}",
+                name=f"ages of {name}, time",
+                plot_legend=rrb.PlotLegend(visible=False),
+            )
+            for name in self.groups
+        ]
+        rows: list[rrb.View | rrb.Container] = [
+            rrb.Horizontal(count, flow) if self.grows or "died" in self.marks else count,
+            drive,
+        ]
+        if self.grows or any(s.hazard for s in self.scenario.species):
+            rows.append(rrb.Horizontal(*bars) if len(bars) <= 3 else rrb.Tabs(*bars))
+        last: list[rrb.View] = []
+        if self._stocked:
+            last.append(_plot("/population/stocks", "stocks, units of intake"))
+        if self.measures:
+            last.append(_plot("/population/measures", "measures of the scenario"))
+        last += [
+            rrb.TensorView(origin=f"/population/coupling/{name}", name=f"{name}: who (row) feels whom (column)")
+            for name in self.coupled
+        ]
+        if last:
+            rows.append(rrb.Horizontal(*last) if len(last) <= 3 else rrb.Tabs(*last))
+        return rrb.Vertical(*rows, name="populations")
 
     def _life_views(self, name: str) -> rrb.Container:
-        agent, dt = self.names[name], self.scenario.dt
-        # the whole timeline; by itself a view takes the width of the others
-        end, at = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative
-        always = rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=end, end=end))
+        who, dt = self._who(name), self.scenario.dt
+        at = rrb.TimeRangeBoundary.cursor_relative
         # in ticks, the timeline of the first screen; on sim_time the lane shows the present action alone
         latest = rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=at(seq=-ACTION_TICKS), end=at(seq=0)))
-        legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-        losses, numbers = _losses(self.told[name])
         views: list[rrb.View | rrb.Container] = [
-            rrb.TimeSeriesView(
-                origin=f"/focus/{name}/deviation",
-                name=f"{agent}: x - x* of every need, its own unit; last {STATE_TICKS} ticks",
-                time_ranges=_last(STATE_TICKS, dt),
-                plot_legend=legend,
+            rrb.Tabs(
+                self._need_views(name),
+                rrb.TimeSeriesView(
+                    origin=f"/focus/{name}/deviation",
+                    name="x - x* of every need, its own unit",
+                    time_ranges=_last(STATE_TICKS, dt),
+                    plot_legend=LEGEND,
+                ),
+                # where slots are used again, a line would join two lives
+                *([self._everyone_views(name)] if 1 < self.groups[name].size <= FEW and not self.grows else []),
+                active_tab=0,
             ),
             rrb.StateTimelineView(
                 origin=f"/focus/{name}/action",
-                name=f"{agent}: action; last {ACTION_TICKS} ticks",
+                name=f"{who}: action; last {ACTION_TICKS} ticks",
                 time_ranges=_last(ACTION_TICKS, dt),
                 time_view=latest,
             ),
-            rrb.TimeSeriesView(
-                origin=f"/focus/{name}/drive",
-                name="drive, whole life",
-                plot_legend=legend,
-                axis_x=always,
+            rrb.Horizontal(
+                _plot(f"/focus/{name}/drive", "drive, whole life"),
+                rrb.TimeSeriesView(
+                    origin=f"/focus/{name}/reward",
+                    name=f"reward, last {STATE_TICKS} ticks",
+                    time_ranges=_last(STATE_TICKS, dt),
+                    plot_legend=rrb.PlotLegend(visible=False),
+                ),
             ),
         ]
-        shares = [3.0, 1.1, 2.0]
-        learning = []
-        if losses:
-            learning.append(
-                rrb.TimeSeriesView(
-                    origin=f"/learning/{name}/losses",
-                    name=f"losses, log10: {', '.join(losses)}",
-                    plot_legend=legend,
-                    axis_x=always,
-                )
+        shares = [3.0, 1.1, 1.6]
+        learning = self._learning_views(name)
+        if self.decides[name]:
+            text = rrb.TextDocumentView(
+                origin=f"/focus/{name}/decision", name="decision: the least score open is taken"
             )
-        learning += [
-            rrb.TimeSeriesView(
-                origin=f"/learning/{name}/numbers",
-                name=word,
-                plot_legend=legend,
-                axis_x=always,
-                overrides={
-                    f"learning/{name}/numbers": rr.SeriesLines.from_fields(
-                        visible_series=[other == word for other in numbers]
-                    )
-                },
-            )
-            for word in numbers
-        ]
-        if learning:
+            views.append(rrb.Horizontal(text, rrb.Tabs(*learning, active_tab=0)) if learning else text)
+            shares.append(2.6)
+        elif learning:
             views.append(learning[0] if len(learning) == 1 else rrb.Tabs(*learning, active_tab=0))
             shares.append(2.0)
-        return rrb.Vertical(*views, row_shares=shares, name=agent)
+        return rrb.Vertical(*views, row_shares=shares, name=who)
+
+    def _need_views(self, name: str) -> rrb.Container:
+        """Return a plot per need: the variable against its set point and its bounds."""
+        species = self.scenario.species[self.groups[name].index]
+        views = []
+        for i, need in enumerate(species.needs):
+            shown = [i == k // 4 for k in range(4 * len(species.needs))]
+            views.append(
+                rrb.TimeSeriesView(
+                    origin=f"/focus/{name}/needs",
+                    name=f"{need.name} (x* {need.set_point:g})",
+                    time_ranges=_last(STATE_TICKS, self.scenario.dt),
+                    plot_legend=rrb.PlotLegend(visible=False),
+                    overrides={f"focus/{name}/needs": rr.SeriesLines.from_fields(visible_series=shown)},
+                )
+            )
+        title = f"{self._who(name)}: every need with x* (white) and bounds (grey); last {STATE_TICKS} ticks"
+        return rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)
+
+    def _everyone_views(self, name: str) -> rrb.Container:
+        """Return a plot per need with a line for every agent: that of an agent that is clicked stands out."""
+        species, views = self.scenario.species[self.groups[name].index], []
+        for need in species.needs:
+            source = VisualizerComponentMapping(
+                target="Scalars:scalars",
+                source_kind=ComponentSourceKind.SourceComponent,
+                source_component=need.name,
+            )
+            lines = rr.SeriesLines(widths=0.6, colors=[FAINT]).visualizer(mappings=[source])
+            views.append(
+                rrb.TimeSeriesView(
+                    origin=f"/world/agents/{name}",
+                    contents=f"/world/agents/{name}",
+                    name=f"{need.name} of every {name}",
+                    time_ranges=_last(STATE_TICKS, self.scenario.dt),
+                    plot_legend=rrb.PlotLegend(visible=False),
+                    overrides={f"world/agents/{name}": [lines]},
+                )
+            )
+        title = f"every {name}; click one in the arena"
+        return rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)
+
+    def _learning_views(self, name: str) -> list[rrb.View]:
+        losses, numbers = _losses(self.told[name])
+        found: list[rrb.View] = (
+            [_plot(f"/learning/{name}/losses", f"losses, log10: {', '.join(losses)}")] if losses else []
+        )
+        if self.decides[name]:
+            found.append(
+                rrb.TimeSeriesView(
+                    origin=f"/learning/{name}",
+                    contents=[f"+ /learning/{name}/J", f"+ /learning/{name}/met"],
+                    name="J against the drive met afterwards",
+                    plot_legend=LEGEND,
+                    axis_x=ALWAYS,
+                )
+            )
+            found.append(_plot(f"/learning/{name}/error", "error of f per variable; 1: no better than no change"))
+        for word in numbers:
+            lines = rr.SeriesLines.from_fields(visible_series=[other == word for other in numbers])
+            found.append(_plot(f"/learning/{name}/numbers", word, {f"learning/{name}/numbers": lines}))
+        return found
 
 
-def _one_or_tabs(parts: list[rrb.Container]) -> rrb.Container:
-    return parts[0] if len(parts) == 1 else rrb.Tabs(*parts, active_tab=0)
+# the whole timeline; by itself a view takes the width of the others
+ALWAYS = rrb.TimeAxis(
+    link="Independent",
+    view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()),
+)
+LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
+
+
+def _plot(origin: str, name: str, overrides: dict[Any, Any] | None = None) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=LEGEND, axis_x=ALWAYS, overrides=overrides)
 
 
 def _last(ticks: int, dt: float) -> rrb.VisibleTimeRanges:
@@ -668,6 +1232,24 @@ def _losses(words: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the reported names that are losses, and the others."""
     losses = [word for word in words if word.startswith("loss")]
     return losses, [word for word in words if word not in losses]
+
+
+def _table(name: str, decision: Mapping[str, Any]) -> str:
+    """Return a decision as a table in Markdown, the least score first, what is closed last."""
+    open_, score = np.asarray(decision["open"]), np.asarray(decision["score"])
+    order = np.argsort(np.where(open_, score, np.inf), kind="stable")
+    rows = [
+        f"**{name}**, -ln(γ) J = {decision['J']:.3f}",
+        "",
+        "| movement | next drive | dJ/dζ·f | sum | score |",
+        "|---|---|---|---|---|",
+    ]
+    for i in order:
+        numbers = " | ".join(f"{decision[key][i]:.3f}" for key in ("next_drive", "slope", "sum", "score"))
+        word = decision["names"][i]
+        word = f"**{word}**" if i == order[0] and open_[i] else word if open_[i] else f"~~{word}~~ closed"
+        rows.append(f"| {word} | {numbers if open_[i] else ' - | - | - | -'} |")
+    return "\n".join(rows)
 
 
 def _round_step(least: float) -> float:
@@ -696,9 +1278,20 @@ def _write(rec: rr.RecordingStream, entity: str, places: Any, words: Sequence[st
     rec.log(entity, *_text(places, words, [INK] * len(words)), static=True)
 
 
-def _series(rec: rr.RecordingStream, entity: str, words: Sequence[str], shades: Sequence[colours.Colour]) -> None:
-    lines = rr.SeriesLines(names=list(words), colors=list(shades[: len(words)]), widths=[1.5] * len(words))
+def _series(
+    rec: rr.RecordingStream,
+    entity: str,
+    words: Sequence[str],
+    shades: Sequence[colours.Colour],
+    widths: Sequence[float] | None = None,
+) -> None:
+    several = [shades[i % len(shades)] for i in range(len(words))]
+    lines = rr.SeriesLines(names=list(words), colors=several, widths=widths or [1.5] * len(words))
     rec.log(entity, lines, static=True)
+
+
+def _times(ticks: np.ndarray, times: np.ndarray) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn("tick", sequence=ticks), rr.TimeColumn("sim_time", duration=times)]
 
 
 def _scalars(rec: rr.RecordingStream, entity: str, times: list[rr.TimeColumn], value: np.ndarray) -> None:
@@ -814,6 +1407,87 @@ def recording_id(path: Path) -> str:
         raise EcologyError(
             f"the recording {str(path)!r} is damaged ({error}); move it away to go on with a new one."
         ) from error
+
+
+def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: int | None = None) -> list[Frame]:
+    """Return what was recorded of a run (its folder or recording) from the tick `first` to `last`, both included.
+
+    Without `first`, as many ticks as a film has by default. Drives are as fine as their colours.
+    """
+    from ecology.observers.film import FRAMES
+
+    path = recording_of(Path(run))
+    with tempfile.TemporaryDirectory() as folder:
+        one = whole(path) and not resumed(path).exists()
+        source = path if one else mended(path, Path(folder) / path.name)
+        groups, start = [], 0
+        for species in scenario.species:
+            groups.append((species, slice(start, start + species.slots)))
+            start += species.slots
+        known = [_column(source, f"/world/agents/{s.name}", "Points2D:positions") for s, rows in groups if s.slots]
+        ticks = np.array(sorted({tick for column in known for tick in column}), int)
+        ticks = ticks[(ticks >= (first or 0)) & (ticks <= (np.inf if last is None else last))]
+        ticks = ticks[-FRAMES:] if first is None else ticks
+        shape = (len(ticks), start)
+        place, angle, drive = np.full((*shape, 2), np.nan), np.zeros(shape), np.zeros(shape)
+        top = colours.highest_drive(scenario)
+        for species, rows in groups:
+            entity = f"/world/agents/{species.name}"
+            parts = [_column(source, entity, name) for name in ("Points2D:positions", "Arrows2D:vectors")]
+            level = _column(source, entity, "Points2D:class_ids") or _column(source, entity, "Arrows2D:class_ids")
+            for i, tick in enumerate(ticks if species.slots else ()):
+                place[i, rows] = np.reshape(parts[0][tick], (-1, 2))
+                way = np.reshape(parts[1][tick], (-1, 2))
+                angle[i, rows] = np.arctan2(way[:, 1], way[:, 0])
+                drive[i, rows] = np.asarray(level[tick]) * top / (STEPS - 1)
+        patches = _column(source, "/world/resources", "Ellipses2D:centers")
+        stock = _column(source, "/world/resources/stock", "Points2D:radii")
+        marks = {kind: _column(source, f"/world/marks/{kind}", "LineStrips2D:strips") for kind in MARKED}
+    time_of = scenario.dt * ticks
+    radii = np.array([r.radius for r in scenario.resources for _ in range(r.count)])
+    found = []
+    for i, tick in enumerate(ticks):
+        full = _latest(stock, tick)
+        found.append(
+            Frame(
+                tick=int(tick),
+                time=float(time_of[i]),
+                position=place[i],
+                heading=angle[i],
+                drive=drive[i],
+                patches=np.reshape(_latest(patches, tick), (-1, 2)) if patches else np.empty((0, 2)),
+                full=np.ones(len(radii)) if full is None else (np.asarray(full) / radii) ** 2,
+                marks={k: [np.reshape(strip, (-1, 2)) for strip in of.get(int(tick), ())] for k, of in marks.items()},
+            )
+        )
+    return found
+
+
+def _column(path: Path, entity: str, component: str) -> dict[int, Any]:
+    """Return the values of a component of a recording by tick, in order."""
+    from rerun.chunk import RrdReader
+
+    found: dict[int, Any] = {}
+    for chunk in RrdReader(str(path)).stream().filter(content=entity, components=component, is_static=False):
+        batch = chunk.to_record_batch()
+        ticks, values = batch.column("tick").to_pylist(), batch.column(component)
+        found |= {tick: _plain(values[i].values) for i, tick in enumerate(ticks) if values[i].is_valid}
+    return dict(sorted(found.items()))
+
+
+def _plain(values: Any) -> Any:
+    """Return an Arrow array as NumPy, nested ones of one length flattened; strips of points as a list of those."""
+    if pa.types.is_list(values.type):
+        return [_plain(each.values) for each in values]
+    if pa.types.is_fixed_size_list(values.type):
+        return _plain(values.flatten())
+    return values.to_numpy(zero_copy_only=False)
+
+
+def _latest(column: Mapping[int, Any], tick: int) -> Any:
+    """Return the last value at or before `tick`, None without."""
+    before = [at for at in column if at <= tick]
+    return column[before[-1]] if before else None
 
 
 def screenshot(

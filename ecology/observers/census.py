@@ -1,0 +1,236 @@
+"""What happens in a world and how its populations stand, read off one tick after another."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ecology.env import Ecology, Group, Tick
+from ecology.plane import plane_of
+from ecology.scenario import Scenario
+from ecology.spec import require
+from ecology.state import CAUSES, Floats, Ints, State
+
+KINDS = ("born", "died", "bit", "gave", "ate", "slept")
+EATS, SLEEPS = 1, 2  # codes of actions that are told of when they begin
+DEATHS = {
+    "need": "died of a need beyond its bounds",
+    "eaten": "died, eaten",
+    "hazard": "died by chance, its hazard",
+    "rule": "died by the scenario's rule",
+}
+AGES = 12  # bars of an age structure
+HUNGRIEST = "hungriest"
+
+
+@dataclass(frozen=True)
+class Happening:
+    """k events of one kind in one tick; names are `species` and `serial`, since slots are used again."""
+
+    kind: str
+    tick: int
+    time: float
+    slot: Ints  # (k,) to whom it happened, or who did it
+    serial: Ints  # (k,)
+    place: Floats  # (k, 2)
+    other: Ints  # (k,) slot of the parent, the bitten or the one given to, -1 without
+    other_serial: Ints  # (k,)
+    other_place: Floats  # (k, 2) where the other is, across the seam of a torus; one's own place without
+    what: Ints  # (k,) index of the action, or into CAUSES of a death
+
+
+class Census:
+    """Finds what happened in each tick, and counts births and deaths since it began."""
+
+    def __init__(self, env: Ecology) -> None:
+        """Look at `env` as it stands."""
+        state, groups = env.state_view, tuple(env.groups.values())
+        self._groups = groups
+        self._plane = plane_of(env.scenario.arena)
+        code = {"consume": EATS, "sleep": SLEEPS}
+        self._code = np.zeros((len(groups), max(len(g.kinds) for g in groups)), np.int8)
+        for g in groups:
+            self._code[g.index, : len(g.kinds)] = [code.get(kind, 0) for kind in g.kinds]
+        self._species_of = np.repeat([g.index for g in groups], [g.size for g in groups])
+        self._action, self._gave, self._serial = state.action.copy(), state.gave, state.serial
+        self._known = state.alive & (state.tick > 0)  # whose action of the last tick is known
+        self.born, self.died = np.zeros(len(groups), np.int64), np.zeros(len(groups), np.int64)
+
+    def watch(self, state: State, tick: Tick, only: Ints | None = None) -> list[Happening]:
+        """Return what happened in the tick that led to `state`; meals and sleeps of the slots `only` (k,), or all."""
+        found = []
+
+        def tell(kind: str, slot: Ints, other: Ints | None = None, what: Ints | None = None) -> None:
+            if not slot.size:
+                return
+            with_ = np.full(len(slot), -1) if other is None else other[slot]
+            there = with_ >= 0
+            found.append(
+                Happening(
+                    kind=kind,
+                    tick=state.tick,
+                    time=state.time,
+                    slot=slot,
+                    serial=state.serial[slot],
+                    place=state.position[slot],
+                    other=with_,
+                    other_serial=np.where(there, state.serial[with_], -1),
+                    other_place=state.position[slot]
+                    + np.where(there[:, None], self._plane.gap(state.position[slot], state.position[with_]), 0.0),
+                    what=np.zeros(len(slot), np.int64) if what is None else what[slot],
+                )
+            )
+
+        def begun(slot: Ints, now: Ints, before: Ints) -> Ints:
+            same = (state.serial[slot] == self._serial[slot]) & self._known[slot] & (now[slot] == before[slot])
+            return slot[~same]
+
+        for kind, who, other, what, count in (
+            ("born", tick.born, tick.parent, None, self.born),
+            ("died", tick.died, None, state.cause, self.died),
+        ):
+            slot = np.flatnonzero(who)
+            tell(kind, slot, other, what)
+            if slot.size:
+                count += np.bincount(self._species_of[slot], minlength=len(count))
+        tell("bit", np.flatnonzero(state.bit >= 0), state.bit)
+        tell("gave", begun(np.flatnonzero(state.gave >= 0), state.gave, self._gave), state.gave)
+        acts = np.flatnonzero(tick.alive & ~tick.born) if only is None else only[tick.alive[only] & ~tick.born[only]]
+        acts = begun(acts, tick.action, self._action)
+        code = self._code[self._species_of[acts], tick.action[acts]]
+        tell("ate", acts[code == EATS], None, tick.action)
+        tell("slept", acts[code == SLEEPS], None, tick.action)
+        self._action, self._gave, self._serial = tick.action, state.gave, state.serial
+        self._known = tick.alive & ~tick.born
+        return found
+
+
+def words(scenario: Scenario, groups: Sequence[Group], event: Happening, i: int) -> str:
+    """Return the event `i` of a happening as a sentence: "predator_7 bit prey_21"."""
+
+    def name(slot: int, serial: int) -> str:
+        return f"{next(g.name for g in groups if g.slots.start <= slot < g.slots.stop)}_{serial}"
+
+    slot = int(event.slot[i])
+    group = next(g for g in groups if g.slots.start <= slot < g.slots.stop)
+    who = name(slot, int(event.serial[i]))
+    other = name(int(event.other[i]), int(event.other_serial[i])) if event.other[i] >= 0 else ""
+    action = scenario.species[group.index].actions[int(event.what[i])] if event.kind in ("ate", "slept") else None
+    return {
+        "born": f"{who} born, child of {other}" if other else f"{who} arrived",
+        "died": f"{who} {DEATHS[CAUSES[int(event.what[i])]]}" if event.kind == "died" else "",
+        "bit": f"{who} bit {other}",
+        "gave": f"{who} gave to {other}",
+        "ate": f"{who} ate {action.resource}" if action is not None else "",
+        "slept": f"{who} slept",
+    }[event.kind]
+
+
+# ---- populations -----------------------------------------------------------------------------
+
+
+def ages(age: Floats) -> tuple[Floats, Floats]:
+    """Return the age structure of the living, of `age` (k,): the middle of each class and its number (AGES,)."""
+    oldest = max(float(age.max(initial=0.0)), 1.0)
+    number, edges = np.histogram(age, AGES, (0.0, oldest))
+    return (edges[1:] + edges[:-1]) / 2, number.astype(float)
+
+
+def stocks(scenario: Scenario, state: State) -> Floats:
+    """Return the stock of every finite resource over all its patches, (K,), in the order of the scenario."""
+    ends = np.cumsum([r.count for r in scenario.resources])
+    total = [state.stock[end - r.count : end].sum() for r, end in zip(scenario.resources, ends, strict=True)]
+    return np.array([t for t, r in zip(total, scenario.resources, strict=True) if np.isfinite(r.stock)])
+
+
+# ---- who is looked at --------------------------------------------------------------------------
+
+
+@dataclass
+class Focus:
+    """The agent that is looked at in every species: its slot, -1 while nobody of the species lives.
+
+    When it dies, the oldest of its species takes its place; with "hungriest", whoever then has the
+    largest drive, which is also looked for now and then.
+    """
+
+    groups: Sequence[Group]
+    wanted: dict[str, int] = field(default_factory=dict)  # species -> serial
+    first: str | None = None  # species that is shown first
+    hungriest: bool = False
+    slots: dict[str, int] = field(default_factory=dict)
+    serials: dict[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, env: Ecology, asked: Sequence[str]) -> Focus:
+        """Return the focus that was `asked` for: names of agents, of species, or "hungriest".
+
+        Raises EcologyError for a name that nobody can have.
+        """
+        focus = cls(tuple(env.groups.values()))
+        for word in asked:
+            if word == HUNGRIEST:
+                focus.hungriest = True
+                continue
+            species, _, serial = word.rpartition("_")
+            if word in env.groups:
+                species = word
+            else:
+                known = species in env.groups and serial.isdecimal()
+                if known and not env.open_population:
+                    known = word in env.possible_agents
+                require(
+                    known,
+                    f"focus: there is no agent {word!r}; give the name of an agent (as "
+                    f"{env.name_of(0) if env.state_view.serial[0] >= 0 else next(iter(env.groups)) + '_0'}), "
+                    f"a species ({', '.join(env.groups)}) or {HUNGRIEST!r}.",
+                )
+                focus.wanted[species] = int(serial)
+            focus.first = focus.first or species
+        return focus
+
+    def look(self, state: State, *, anew: bool = False) -> list[str]:
+        """Find the agents in focus, `anew` also where they live; return the species whose focus is another now."""
+        changed = []
+        for group in self.groups:
+            rows = group.slots
+            slot, serial = self.slots.get(group.name, -1), self.serials.get(group.name, -1)
+            alive = state.alive[rows]
+            wanted = self.wanted.get(group.name)
+            if wanted is not None and wanted != serial:
+                there = np.flatnonzero(alive & (state.serial[rows] == wanted))
+                if there.size:
+                    slot, serial = rows.start + int(there[0]), wanted
+            lives = slot >= 0 and state.alive[slot] and state.serial[slot] == serial
+            if not lives or (anew and self.hungriest and serial != wanted):
+                slot = -1
+                if alive.any():
+                    rank = state.own_drive[rows] if self.hungriest else state.age[rows]
+                    slot = rows.start + int(np.argmax(np.where(alive, rank, -np.inf)))
+            serial = int(state.serial[slot]) if slot >= 0 else -1
+            if serial != self.serials.get(group.name, -2):
+                changed.append(group.name)
+            self.slots[group.name], self.serials[group.name] = slot, serial
+        return changed
+
+    def name(self, species: str) -> str:
+        """Return the name of the agent in focus."""
+        serial = self.serials.get(species, -1)
+        return f"{species}_{serial}" if serial >= 0 else f"no {species}"
+
+
+def afterwards(drive: Floats, gamma: float, dt: float) -> float:
+    """Return the discounted mean of the drives (T,) that followed, what -ln(gamma) J predicts.
+
+    The average of d(t + k dt) with the weights gamma^(k dt), cut off after T ticks.
+    """
+    weight = gamma ** (dt * np.arange(1, len(drive) + 1))
+    return float(weight @ drive / weight.sum())
+
+
+def without_functions(scenario: Scenario) -> Scenario:
+    """Return the scenario as plain data, which can be sent to another process."""
+    return dataclasses.replace(scenario, rule=None, measures={})

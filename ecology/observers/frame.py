@@ -1,0 +1,51 @@
+"""What a picture shows of one tick, from a world that lives or from a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ecology.observers import shapes
+from ecology.plane import plane_of
+from ecology.scenario import Scenario
+from ecology.state import Floats, State
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a picture shows of one tick, for N slots and R patches."""
+
+    tick: int
+    time: float
+    position: Floats  # (N, 2), NaN for the dead
+    heading: Floats  # (N,)
+    drive: Floats  # (N,)
+    patches: Floats  # (R, 2)
+    full: Floats  # (R,) from 0 to 1
+    marks: Mapping[str, Sequence[np.ndarray]] = field(default_factory=dict)  # kind -> strips (k, 2)
+
+
+def frame(scenario: Scenario, state: State) -> Frame:
+    """Return what a picture shows of `state`."""
+    alive, none = state.alive, np.zeros(len(state.alive), bool)
+    wide = max(shapes.radius(scenario, species) for species in scenario.species)
+    marks, plane = {}, plane_of(scenario.arena)
+    for kind, who, other in (
+        ("born", alive & (state.age == 0.0) if state.tick else none, state.bit),
+        ("bit", state.bit >= 0, state.bit),
+        ("gave", state.gave >= 0, state.gave),
+    ):
+        place = state.position[who]
+        marks[kind] = shapes.mark(kind, place, place + plane.gap(place, state.position[other[who]]), wide)
+    return Frame(
+        tick=state.tick,
+        time=state.time,
+        position=np.where(alive[:, None], state.position, np.nan),
+        heading=state.heading,
+        drive=state.drive,
+        patches=state.resource_position,
+        full=shapes.fullness(scenario, state),
+        marks=marks,
+    )

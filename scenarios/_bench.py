@@ -1,0 +1,340 @@
+"""A benchmark: agent-steps per second against the number of agents, of this world and of others, side by side.
+
+Every curve's point is a process of its own, started as `python -m scenarios._bench WHAT AGENTS` or, for other
+people's worlds, as `_elsewhere.py`. All are pinned to one core with one thread each, and take turns: in every round
+each is timed for a moment, after a loop that is always the same, so that a machine that changes its speed changes
+it for all. Time is the process's own, which other programs on the machine do not lengthen.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import agents
+import scenarios
+from ecology import Ecology, EcologyError, parallel_env
+from ecology.errors import nearest
+from scenarios._elsewhere import DRAWN, MARK, MISSING, WORLDS, serve
+from scenarios._plan import versions
+from scenarios._run import writable
+from scenarios._sweep import DPI, write_table
+
+TABLE, FIGURE = "bench.parquet", "bench.png"
+ARRAYS, DICTS = "arrays", "dicts"  # this world without learning, through either interface
+MODULES = "modules"  # algorithm1 with the updates of the plain loop
+PLAIN = Path(__file__).parent.parent / "tests" / "plain_learner.py"  # which is there in a clone only
+# who learns if nobody is named
+LEARNERS = tuple(name for name in ("lean", "algorithm1") if name in agents.LEARNERS) + (MODULES,) * PLAIN.exists()
+LEARNERS_UP_TO = 1_000  # agents
+MODULES_UP_TO = 100  # agents
+WORLD = "commons"
+SETTINGS: Mapping[str, Any] = {"walls": True, "neighbours": 8}
+RICH = 25.0  # capacity of the pool per agent, units of intake: it does not run dry while it is measured
+LEAST = 2  # ticks of a window
+LEARNS = 8  # ticks of a window in which someone learns, who may update its networks once in so many
+LIVED = 1_000  # ticks that who remembers has lived before: until all have memories enough to learn from
+CALIBRATION = 200_000  # turns of the loop that is always the same
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+
+
+# ---- one point -----------------------------------------------------------------------------------
+
+
+def world(n: int) -> Ecology:
+    """Return the world that is measured: `commons` with walls, sight and the eight nearest sensed, n agents."""
+    return parallel_env(scenarios.load(WORLD, n=n, capacity=RICH * n, **SETTINGS))
+
+
+def stepping(what: str, n: int) -> Callable[[], int]:
+    """Return one tick of n agents under random actions, by `arrays` or `dicts`, or with a learner by its name."""
+    env = world(n)
+    (group,) = env.groups.values()
+    drawn = np.random.default_rng(0).integers(0, len(group.actions), (DRAWN, n))
+    turn = 0
+    if what == ARRAYS:
+        env.reset_arrays(seed=0)
+
+        def step() -> int:
+            nonlocal turn
+            turn += 1
+            env.step_arrays(drawn[turn % DRAWN])
+            return n
+
+    elif what == DICTS:
+        env.reset(seed=0)
+        chosen = [dict(zip(env.agents, row.tolist(), strict=True)) for row in drawn]
+
+        def step() -> int:
+            nonlocal turn
+            turn += 1
+            env.step(chosen[turn % DRAWN])
+            return n
+
+    else:
+        from agents import loop  # slow to load
+
+        name = "algorithm1" if what == MODULES else what
+        own = env.scenario.species[0].learner_settings if what == "hjb" else {}  # as `ecology run` would
+        learner = agents.make(name, group, np.random.SeedSequence(0), own)
+        if what == MODULES:
+            _by_modules(learner)
+        tick = env.reset_arrays(seed=0)
+        if {**agents.settings(name), **own}.get("replay"):
+            tick = loop.run(env, {group.name: learner}, tick, LIVED)
+
+        def step() -> int:
+            nonlocal tick
+            tick = loop.run(env, {group.name: learner}, tick, 1)
+            return n
+
+    return step
+
+
+def _by_modules(learner: Any) -> None:
+    """Let one agent's torch modules after another do the updates of a learner: the plain loop of the tests."""
+    sys.path.insert(0, str(PLAIN.parent))
+    plain = importlib.import_module(PLAIN.stem)
+    alone = [plain.PlainAgent(learner, slot) for slot in range(learner.size)]
+    s = learner.settings
+    m = round(s.imagined * s.batch) if s.replay else round(s.imagined)
+    numbers = (s.batch + s.batch_f if s.replay else 2) + m * learner.components + m + m // 2
+
+    def update(ready: np.ndarray) -> None:
+        uniform = learner.generator.random((learner.size, numbers), np.float32)
+        normal = learner.generator.standard_normal((learner.size, m // 2, learner.components), np.float32)
+        rate = learner.rate()
+        for slot in np.flatnonzero(ready).tolist():
+            alone[slot].update(uniform[slot], normal[slot], float(rate[slot]))
+
+    learner._update = update
+
+
+def calibrate() -> float:
+    """Return the seconds that the loop takes that is always the same."""
+    begun = time.process_time()
+    total = 0
+    for i in range(CALIBRATION):
+        total += i * i
+    return time.process_time() - begun
+
+
+# ---- all of them ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One world with so many agents, to be timed by the process `command`."""
+
+    name: str
+    agents: int
+    command: tuple[str, ...]
+    least: int = LEAST  # ticks of a window
+
+
+def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str, str]) -> list[Point]:
+    """Return what is to be timed; `against` are the other worlds, each with the Python that has it."""
+    found = []
+    for name in learners:
+        if name != MODULES:
+            agents.learner_class(name)
+        elif not PLAIN.exists():
+            raise EcologyError(f"the plain loop of modules is in a clone of the project, in {PLAIN}; it is not there.")
+    for name in against:
+        if name not in WORLDS:
+            raise EcologyError(f"there is no world {name!r} to compare with. {nearest(name, WORLDS)}")
+    here = (sys.executable, "-m", "scenarios._bench")
+    for name in (ARRAYS, DICTS, *learners):
+        most = max(counts)
+        if name in learners:
+            most = MODULES_UP_TO if name == MODULES else LEARNERS_UP_TO
+        least = LEARNS if name in learners else LEAST
+        found += [Point(name=name, agents=n, command=(*here, name, str(n)), least=least) for n in counts if n <= most]
+    script = str(Path(__file__).with_name("_elsewhere.py"))
+    for name, python in against.items():
+        _, least, most = WORLDS[name]
+        fitting = [n for n in counts if least <= n <= most] or [least]
+        found += [Point(name=name, agents=n, command=(python, script, name, str(n))) for n in fitting]
+    return found
+
+
+class Process:
+    """A point's process, from when it is ready until it is told to go."""
+
+    def __init__(self, point: Point) -> None:
+        """Start it and wait until its world stands."""
+        self.point = point
+        try:
+            self.process = subprocess.Popen(
+                point.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                env=os.environ | ONE_THREAD,
+            )  # fmt: skip
+        except OSError as error:
+            raise EcologyError(f"the Python {point.command[0]!r} cannot be started: {error.strerror}.") from error
+        told = self._answer()
+        self.agents, self.version = int(told["agents"]), str(told["version"])
+
+    def _answer(self) -> dict[str, Any]:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if line.startswith(MARK):
+                return json.loads(line.removeprefix(MARK))
+        said = self.process.communicate()[1].strip().splitlines() or ["it said nothing"]
+        point = self.point
+        if self.process.returncode == MISSING:
+            how = "`pip install 'ecology-sandbox[bench]'`"
+            if point.name.startswith("waterworld"):
+                how = "an environment of its own, `pip install pettingzoo==1.25.0 pymunk==6.11.1 pygame scipy`"
+            raise EcologyError(
+                f"the world {point.name} is not there: {said[-1]}. It needs {how}; a Python elsewhere is given with "
+                f"--python {point.name}=PATH."
+            )
+        raise EcologyError(f"the world {point.name} with {point.agents} agents failed: {said[-1]}")
+
+    def time(self, seconds: float, least: int) -> dict[str, Any]:
+        """Return what a window of at least so many seconds and ticks came to."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # what it died of is told below
+            self.process.stdin.write(f"{seconds} {least}\n")
+            self.process.stdin.flush()
+        return self._answer()
+
+    def end(self) -> None:
+        """Close its standard input, at which it ends, and wait for it."""
+        if self.process.poll() is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.communicate(timeout=10.0)
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+@contextlib.contextmanager
+def pinned(core: int | None) -> Iterator[int | None]:
+    """Keep this process, and those that it starts, on one core; give which, None where this cannot be said."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield None
+        return
+    own = os.sched_getaffinity(0)
+    core = max(own) if core is None else core
+    if core not in own:
+        raise EcologyError(f"--core must be one that this process may use ({', '.join(map(str, sorted(own)))}).")
+    os.sched_setaffinity(0, {core})
+    try:
+        yield core
+    finally:
+        os.sched_setaffinity(0, own)
+
+
+def measure(
+    wanted: Sequence[Point], *, rounds: int, seconds: float, tell: Callable[[str], None]
+) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """Return a row for every window of every point, and the versions of all that took part."""
+    rows: list[dict[str, Any]] = []
+    with contextlib.ExitStack() as stack:
+        ready, found = [], versions()
+        for point in wanted:
+            tell(f"{point.name}, {point.agents} agents: building")
+            process = Process(point)
+            stack.callback(process.end)
+            ready.append(process)
+            if process.version:
+                found[point.name] = process.version
+        for process in ready:  # what is compiled or cached at first is not timed
+            tell(f"{process.point.name}, {process.agents} agents: warming up")
+            process.time(seconds, process.point.least)
+        for turn in range(rounds):
+            for process in ready:
+                tell(f"round {turn + 1} of {rounds}: {process.point.name}, {process.agents} agents")
+                calibration = calibrate()
+                window = process.time(seconds, process.point.least)
+                rows.append(
+                    {"name": process.point.name, "agents": process.agents, "round": turn}
+                    | window
+                    | {
+                        "agent_steps_per_second": window["agent_steps"] / window["cpu_seconds"],
+                        "calibration_seconds": calibration,
+                    }
+                )
+    return rows, found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Speed:
+    """Agent-steps per second of one point, over rounds."""
+
+    name: str
+    agents: int
+    median: float
+    low: float  # quartiles
+    high: float
+
+
+def speeds(rows: Sequence[Mapping[str, Any]]) -> list[Speed]:
+    """Return the medians and quartiles by name and agents, in the order in which they were measured."""
+    found: dict[tuple[str, int], list[float]] = {}
+    for row in rows:
+        found.setdefault((row["name"], row["agents"]), []).append(row["agent_steps_per_second"])
+    return [
+        Speed(name=name, agents=n, median=float(middle), low=float(low), high=float(high))
+        for (name, n), values in found.items()
+        for low, middle, high in [np.quantile(values, (0.25, 0.5, 0.75))]
+    ]
+
+
+def write(out: Path, rows: Sequence[Mapping[str, Any]], used: Mapping[str, str]) -> list[Path]:
+    """Write the table and the figure into the folder `out`, and return their paths."""
+    with writable(out):
+        out.mkdir(parents=True, exist_ok=True)
+        write_table(out / TABLE, [{**row, "versions": json.dumps(used)} for row in rows])
+        draw(out / FIGURE, speeds(rows), used)
+    return [out / TABLE, out / FIGURE]
+
+
+def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
+    """Draw agent-steps per second over agents, a line for each name, with quartiles."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from ecology.observers.colours import PALETTE
+
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.add_subplot()
+    for i, name in enumerate(dict.fromkeys(speed.name for speed in found)):
+        line = sorted((speed for speed in found if speed.name == name), key=lambda speed: speed.agents)
+        middle = np.array([speed.median for speed in line])
+        spread = np.array([[speed.median - speed.low, speed.high - speed.median] for speed in line]).T
+        label = f"ecology, {name}" if name in (ARRAYS, DICTS) else f"ecology, {name} learning"
+        if name in WORLDS:
+            label = f"{name} ({used[name]})"
+        ax.errorbar(
+            [speed.agents for speed in line], middle, spread, fmt="--s" if name in WORLDS else "-o", capsize=3,
+            linewidth=1.3, markersize=4, label=label, color=np.array(PALETTE[(i - 2) % len(PALETTE)]) / 255,
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlabel("agents")
+    ax.set_ylabel("agent-steps per second, one core")
+    ax.set_title("Median and quartiles, one run, each world in turn", fontsize=11)
+    ax.grid(alpha=0.3, linewidth=0.5)
+    ax.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    beside = path.with_name(path.name + ".new")
+    figure.savefig(beside, dpi=DPI, format="png")
+    beside.replace(path)
+
+
+if __name__ == "__main__":
+    _what, _n = sys.argv[1], int(sys.argv[2])
+    serve(_what, _n, stepping(_what, _n))

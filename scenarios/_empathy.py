@@ -1,0 +1,23 @@
+"""What the set-ups of Man and Yoshida have in common: the four conditions of empathy."""
+
+from __future__ import annotations
+
+from ecology import EcologyError
+
+CONDITIONS = ("none", "cognitive", "affective", "full")
+LEARNER = {  # of f/J: one decision a tick and a short memory, for worlds of a few states
+    "adaptive_steps": False,
+    "gamma": 0.9,
+    "width": 32,
+    "batch": 64,
+    "batch_f": 64,
+    "place_cells": 0,
+    "imagined": 0.0,
+}
+
+
+def empathy(condition: str) -> tuple[bool, bool]:
+    """Return whether the partner's energy is perceived (cognitive), and whether its drive is felt (affective)."""
+    if condition not in CONDITIONS:
+        raise EcologyError(f"condition is one of {', '.join(map(repr, CONDITIONS))}, got {condition!r}.")
+    return condition in ("cognitive", "full"), condition in ("affective", "full")

@@ -1,0 +1,119 @@
+"""Grass, prey and predators that learn by f and J; who is fit bears young, who starves or is bitten to death dies.
+
+Patches of grass regrow at a constant rate, so they feed about patches * regrowth / prey_decay prey. A bite
+wounds: it takes health, which hurts, heals and is deadly at zero, so that a prey can learn to keep away from
+predators before it dies of one. Nobody knows where it is: a prey senses the nearest grass and the nearest predator, a
+predator the nearest prey. Of movements that seem equally good the first is taken, so a newborn that knows nothing eats
+where it can.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from ecology import (
+    Arena,
+    Birth,
+    Growth,
+    Hazard,
+    Need,
+    Neighbours,
+    Resource,
+    Scenario,
+    Species,
+    bite,
+    consume,
+    go_to,
+    move,
+    rest,
+    turn,
+)
+
+WALK, HUNT = 0.12, 0.15  # speed of prey and of predators, length per unit of time
+TURN = math.pi / 2  # radians per unit of time
+SIGHT = 3.0  # length
+HEALING = 0.002  # share of a wound that heals per unit of time
+LEARNER = {  # of a short life: small networks, small batches, short movements
+    "width": 32, "batch": 16, "batch_f": 32, "memory": 500, "recent": 100, "update_every": 6.0, "place_cells": 0,
+    "stride": 4.0, "pause": 5.0, "gamma": 0.99, "epsilon": 0.6, "epsilon_final": 0.05, "life": 1_500.0,
+}  # fmt: skip
+
+
+def build(
+    prey: int = 40,
+    predators: int = 10,
+    patches: int = 16,
+    regrowth: float = 0.01,
+    side: float = 13.0,
+    prey_decay: float = 0.0025,
+    prey_birth: float = 0.008,
+    prey_mortality: float = 0.0002,
+    predator_decay: float = 0.0015,
+    predator_birth: float = 0.004,
+    predator_mortality: float = 0.0006,
+    reach: float = 0.5,
+    chance: float = 0.16,
+    handling: float = 10.0,
+    gain: float = 0.2,
+    wound: float = 0.5,
+    arrival: float = 0.0,
+    inherit: bool = True,
+    mutation: float = 0.02,
+    ticks: int = 20_000,
+) -> Scenario:
+    """Return the meadow, a walled square.
+
+    `decay` is energy lost, `birth` the rate of the fit and `mortality` that of any, all per unit of time. A bite
+    has `chance` per unit of time to take `wound` of health and bring `gain` of energy. `arrival` is the rate of
+    newcomers of either species; there is room for twice the `predators` and for 7/4 of the `prey` of the start.
+    """
+    grass = Resource(name="grass", count=patches, radius=0.4, stock=1.0, capacity=2.0, growth=Growth(rate=regrowth))
+    energy = Need(name="energy", set_point=1.0, start=0.7, decay=prey_decay, bounds=(0.0, math.inf), lethal=True)
+    health = Need(name="health", set_point=1.0, decay=-HEALING, leak=HEALING, bounds=(0.0, math.inf), lethal=True)
+    turns = (turn("turn_left", TURN), turn("turn_right", -TURN))
+    hunted = Species(
+        name="prey",
+        needs=(energy, health),
+        actions=(
+            consume("grass", {"energy": 0.05}, closes_at={"energy": 1.2}),
+            go_to("grass", WALK),
+            move("walk", WALK),
+            *turns,
+            rest(),
+        ),
+        count=prey,
+        capacity=7 * prey // 4,
+        birth=Birth(rate=prey_birth, threshold={"energy": 0.8}, cost={"energy": 0.4}, maturity=100.0),
+        hazard=Hazard(rate=prey_mortality),
+        arrival=arrival,
+        solid=False,
+        view_range=SIGHT,
+        senses=(),
+        sees=("grass",),
+        neighbours=(Neighbours(species=("predator",)),),
+        learner_settings={**LEARNER, "inherit": inherit, "mutation": mutation},
+    )
+    attack = bite(
+        "prey",
+        reach=reach,
+        chance=chance,
+        duration=handling,
+        gain={"energy": gain},
+        damage={"health": wound},
+        closes_at={"energy": 1.2},
+    )
+    hunter = replace(
+        hunted,
+        name="predator",
+        needs=(replace(energy, start=0.8, decay=predator_decay),),
+        actions=(attack, move("walk", HUNT), *turns, rest()),
+        count=predators,
+        capacity=2 * predators,
+        birth=Birth(rate=predator_birth, threshold={"energy": 0.7}, cost={"energy": 0.4}, maturity=200.0),
+        hazard=Hazard(rate=predator_mortality),
+        sees=(),
+        neighbours=(Neighbours(species=("prey",)),),
+    )
+    meadow = Arena(vertices=((0, 0), (side, 0), (side, side), (0, side)))
+    return Scenario(name="predator_prey", arena=meadow, resources=(grass,), species=(hunted, hunter), ticks=ticks)

@@ -1,0 +1,169 @@
+"""The certificate: what is compared with what, and that nothing done is done twice."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ecology import EcologyError
+from scenarios import _episodes, _reproduce, cli
+from scenarios._reproduce import Case, Ledger, Part, Row
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """Return a case of two parts that counts how often each is done, put in the place of all others."""
+    done = []
+
+    def part(key, value, words=None):
+        def compute():
+            done.append(key)
+            if value is None:
+                raise KeyboardInterrupt
+            return [value]
+
+        return Part(key, words or {"ticks": 5}, 1.0, compute)
+
+    parts = [part("one", 1.0), part("two", 2.0)]
+    case = Case("tiny", "a small case", lambda: parts, lambda found: [Row(k, v, closed=v[0]) for k, v in found.items()])
+    monkeypatch.setattr(_reproduce, "cases", lambda: {"tiny": case})
+    return parts, done, part
+
+
+def test_what_is_done_is_kept_and_not_done_again(tiny, tmp_path, capsys):
+    """The same command typed again does nothing and prints the same certificate."""
+    _, done, _ = tiny
+    for _ in range(2):
+        _run(tmp_path)
+    assert done == ["one", "two"]
+    out = capsys.readouterr()
+    assert out.out.count("agrees") == 4
+    assert "about 2 s" in out.err
+    assert "tiny: a small case; done" in out.err
+    table = (tmp_path / _reproduce.TABLE).read_text()
+    assert table.splitlines()[2] == "| tiny | one | - | 1 | 1 | - | 1 | agrees |"
+
+
+def _run(folder, *names):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["reproduce", *names, "--out", str(folder)])
+    assert end.value.code == 0
+
+
+def test_a_part_made_from_other_words_is_made_again(tiny, tmp_path):
+    """A kept part counts only where what it depends on is the same, and where its file is whole."""
+    parts, done, part = tiny
+    _run(tmp_path)
+    parts[0] = part("one", 3.0, {"ticks": 6})
+    (tmp_path / "parts" / "tiny" / "two.json").write_text("{")
+    _run(tmp_path)
+    assert done == ["one", "two", "one", "two"]
+    assert json.loads((tmp_path / "parts" / "tiny" / "one.json").read_text())["value"] == [3.0]
+
+
+def test_a_stop_keeps_what_is_done(tiny, tmp_path, capsys):
+    """Ctrl-C ends with 130 and says how to go on; the parts before it are not done again."""
+    parts, done, part = tiny
+    parts[1] = part("two", None)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["reproduce", "--out", str(tmp_path)])
+    assert end.value.code == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    parts[1] = part("two", 2.0)
+    _run(tmp_path)
+    assert done == ["one", "two", "two"]
+
+
+def test_the_certificate_is_a_table_of_numbers_too(tiny, tmp_path):
+    """The parquet table has a row per row, with closed form, mean, interval and verdict."""
+    from pyarrow import parquet
+
+    _run(tmp_path, "tiny")
+    rows = parquet.read_table(tmp_path / _reproduce.PARQUET).to_pylist()
+    assert [(row["what"], row["closed_form"], row["mean"], row["n"], row["verdict"]) for row in rows] == [
+        ("one", 1.0, 1.0, 1, "agrees"),
+        ("two", 2.0, 2.0, 1, "agrees"),
+    ]
+
+
+def test_an_unknown_name_is_refused(tmp_path, capsys):
+    """A name that is no case is refused with the nearest one, before anything is written."""
+    with pytest.raises(SystemExit) as end:
+        cli.main(["reproduce", "food_shar", "--out", str(tmp_path / "out")])
+    assert end.value.code == 2
+    assert "food_share" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_told(tiny, tmp_path, capsys):
+    """A file in the place of the folder gives one message and exit code 2."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SystemExit) as end:
+        cli.main(["reproduce", "--out", str(tmp_path / "file")])
+    assert end.value.code == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_verdicts():
+    """The interval decides where there is chance, the tolerance where there is none; a wide one decides nothing."""
+    sample = [9.0, 10.0, 11.0]  # mean 10, interval 10 +- 2.48
+    assert Row("", sample).interval() == pytest.approx((10 - 2.484, 10 + 2.484), abs=1e-3)
+    assert Row("", sample, closed=12.4).says() == "agrees"
+    assert Row("", sample, closed=12.6).says() == "differs from the closed form"
+    assert Row("", sample, closed=9.0).says() == "cannot be told from the closed form"
+    assert Row("", [300.0, 3000.0], closed=3000.0).says() == "cannot be told from the closed form"
+    assert Row("", [1.0], closed=1.1, tolerance=0.2).says() == "agrees"
+    assert Row("", [1.0], closed=1.1, tolerance=0.05).says() == "differs from the closed form"
+    # standard errors 0.577 and 0.447, together 0.73; 4.9 degrees of freedom: +- 1.88
+    assert Row("", sample, theirs=(11.8, 2.0, 20)).says() == "agrees"
+    assert Row("", sample, theirs=(12.0, 2.0, 20), closed=12.0).says() == "differs from theirs"
+    assert Row("", sample, theirs=(12.0, 30.0, 20), closed=9.0).says() == (
+        "cannot be told from the closed form and theirs"
+    )
+    assert Row("", [5.0, 5.0], theirs=(5.0, 0.0, 20), closed=4.0).says() == "differs from the closed form"
+    assert Row("", [5.0, 5.0], theirs=(6.0, 0.0, 20), closed=4.0).says() == "differs from the closed form and theirs"
+    assert Row("", sample, verdict="no number to compare with").says() == "no number to compare with"
+
+
+def test_every_case_can_be_told_before_it_is_done():
+    """Names, what is compared and for how long are there without doing anything; keys of parts are their own."""
+    for name, case in _reproduce.cases().items():
+        parts = case.parts()
+        assert case.name == name
+        assert case.about
+        assert case.rows({}) == []
+        assert len({part.key for part in parts}) == len(parts)
+        assert parts or case.notes
+        assert all(part.seconds > 0 for part in parts)
+        json.dumps([dict(part.words) for part in parts])
+
+
+@pytest.mark.parametrize("name", ["theory", "commons"])
+def test_short_cases_agree_with_their_closed_forms(name, tmp_path):
+    """The drive under constant intake, and the most eaters that a pool bears."""
+    case, ledger = _reproduce.cases()[name], Ledger(tmp_path)
+    for part in _reproduce.left(case, ledger):
+        ledger.do(case, part)
+    rows = _reproduce.rows(case, ledger)
+    assert rows
+    assert all(row.says() == "agrees" for row in rows)
+
+
+def test_f_and_j_learn_to_share_only_where_they_feel_it():
+    """After 600 ticks of food_share, who feels its partner's drive keeps both alive and who does not lets it die."""
+    lived = {c: _episodes.hjb("food_share", {"condition": c}, 2, 600, 200) for c in ("cognitive", "affective")}
+    assert all(np.mean(lengths) < 40 for lengths in lived["cognitive"])
+    assert np.median([lengths[0] for lengths in lived["affective"]]) == 200
+
+
+def test_ppo_without_the_library_is_told():
+    """Where Stable-Baselines3 is missing, PPO says which extra it needs; where it is there, it learns a little."""
+    words = {"count": 2, "steps": 64, "scale": 1.0, "cap": 50, "seed": 0}
+    learning = {"n_steps": 16, "batch_size": 16}
+    if _reproduce._has_ppo():
+        assert all(0 < n <= 50 for n in _episodes.ppo("food_share", {}, learning, **words))
+    else:
+        with pytest.raises(EcologyError, match="'sb3'"):
+            _episodes.ppo("food_share", {}, learning, **words)
+        assert all("ppo" not in part.key for part in _reproduce.cases()["food_share"].parts())
+        assert "left out" in _reproduce.cases()["food_share"].notes[0]
