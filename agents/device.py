@@ -6,6 +6,7 @@ agents at once. What is done with it is the same everywhere: see `agents.hjb`.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import re
@@ -85,6 +86,7 @@ class Cpu(Device):
 
     def __init__(self, senses: Senses, n: int) -> None:
         self.senses = senses
+        self.alone = all(each["num_threads"] == 1 for each in BLAS.info() if each["user_api"] == "blas")
         self.threads = ThreadPoolExecutor(WORKERS) if WORKERS > 1 and n >= CROWD else None
 
     def on(self, array: np.ndarray) -> np.ndarray:  # noqa: D102
@@ -134,7 +136,7 @@ class Cpu(Device):
 
     def _share(self, work: Callable[[int, int], None], count: int) -> None:
         """Do `work` on the rows from 0 to `count`, split over threads where there are many."""
-        with BLAS.limit(limits=1, user_api="blas"):
+        with contextlib.nullcontext() if self.alone else BLAS.limit(limits=1, user_api="blas"):
             if self.threads is None or count < CROWD:
                 return work(0, count)
             edges = np.linspace(0, count, 4 * WORKERS + 1).astype(int)

@@ -209,6 +209,8 @@ class HJB(Learner):
         self.was_open = np.zeros((n, self.count), bool)
         self.trail = np.zeros((n, TRAIL, self.components), np.float32)  # zeta on the way, by ticks elapsed
         self.trail_open = np.zeros((n, TRAIL, self.count), bool)
+        self.way = kernels.Way(self.movement, self.stage, self.left, self.elapsed, self.trail, self.trail_open)
+        self.free = np.zeros(n, bool)  # who has no movement to go on with
         self.more = np.zeros(n, np.int64)  # strides that an explored walk goes on for
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.ticks = 0
@@ -314,34 +316,20 @@ class HJB(Learner):
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Go on with the movements under way, decide where one has ended, and return actions (n,)."""
-        rows_ = np.arange(self.size)
-        on = self._goes_on(masks)
-        ended = np.flatnonzero(~on & (self.movement >= 0))
-        if ended.size and self.learning:
-            self._remember(ended, observations)
-        if self.learning and self.settings.intra_option:
-            self.trail[rows_, self.elapsed % TRAIL] = observations
-            self.trail_open[rows_, self.elapsed % TRAIL] = self.moves.open(masks)
-        deciding = np.flatnonzero(~on & masks.any(axis=1))
-        if deciding.size:
-            self._decide(deciding, observations[deciding], masks[deciding])
-        self.left -= 1
-        self.elapsed += 1
-        return self.moves.action[self.movement, self.stage][rows_]
-
-    def _goes_on(self, masks: np.ndarray) -> np.ndarray:
-        """Return whose movement goes on, (n,), having passed to its second stage where due."""
-        moves, at = self.moves, self.movement
-        under_way = at >= 0
-        rows_ = np.arange(self.size)
-        over = self.left <= 0
-        following = over & (self.stage == 0) & (moves.ticks[at, 1] > 0) & under_way
-        self.stage[following] = 1
-        self.left[following] = moves.ticks[at, 1][following]
-        over &= ~following
-        action = moves.action[at, self.stage]
-        forced = masks.sum(axis=1) == 1  # the world leaves no choice
-        return under_way & masks[rows_, action] & (~over | forced)
+        actions = np.empty(self.size, np.int64)
+        keep = self.learning and self.settings.intra_option
+        if kernels.go_on(self.moves.action, self.moves.ticks, self.way, masks, observations, keep, self.free, actions):
+            free = np.flatnonzero(self.free)
+            ended = free[self.movement[free] >= 0]
+            if ended.size and self.learning:
+                self._remember(ended, observations)
+            deciding = free[masks[free].any(axis=1)]
+            if deciding.size:
+                self._decide(deciding, observations[deciding], masks[deciding])
+            self.left[free] -= 1
+            self.elapsed[free] += 1
+            actions[free] = self.moves.action[self.movement[free], self.stage[free]]
+        return actions
 
     def _decide(self, slots: np.ndarray, observations: np.ndarray, masks: np.ndarray) -> None:
         """Choose a movement for the agents in `slots` (k,): epsilon-greedy in the HJB score."""

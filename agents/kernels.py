@@ -111,6 +111,17 @@ class Draws(NamedTuple):
     imagined: int  # m, of the batch on J, those whose needs are redrawn
 
 
+class Way(NamedTuple):
+    """The movements under way."""
+
+    movement: Array  # int (n,), -1: none
+    stage: Array  # int (n,)
+    left: Array  # int (n,) ticks of the stage that are left
+    elapsed: Array  # int (n,) ticks since the decision
+    trail: Array  # (n, T, D) zeta on the way, by ticks elapsed
+    trail_open: Array  # bool (n, T, M)
+
+
 class Room(NamedTuple):
     """Room to work in, for one agent at a time."""
 
@@ -635,6 +646,37 @@ def room_for(s, rows, parts, outputs, inputs, b):
         np.empty(parts, F),
         np.empty((b, parts), F),
     )
+
+
+@compiled
+def go_on(table, ticks, way, masks, zeta, keep, free, actions):
+    """Live one tick of the movements that go on: fill actions (n,), and with `keep` the trail.
+
+    A movement passes to its second stage when the first is over; it goes on past its end where the world leaves
+    no choice. Returns how many agents have none to go on with, marked in free (n,). `table` and `ticks` (M, 2) are
+    those of `agents.movements`; masks (n, A), zeta (n, D).
+    """
+    count = 0
+    for i in range(len(free)):
+        m = way.movement[i]
+        free[i] = True
+        if m >= 0:
+            over = way.left[i] <= 0
+            if over and way.stage[i] == 0 and ticks[m, 1] > 0:
+                way.stage[i], way.left[i], over = 1, ticks[m, 1], False
+            actions[i] = table[m, way.stage[i]]
+            free[i] = not masks[i, actions[i]] or (over and np.sum(masks[i]) != 1)
+        if free[i]:
+            count += 1
+            continue
+        if keep:
+            at = way.elapsed[i] % way.trail.shape[1]
+            way.trail[i, at] = zeta[i]
+            for k in range(len(table)):
+                way.trail_open[i, at, k] = masks[i, table[k, 0]] and masks[i, table[k, 1]]
+        way.left[i] -= 1
+        way.elapsed[i] += 1
+    return count
 
 
 @compiled
