@@ -669,8 +669,8 @@ def go_on(table, ticks, way, masks, zeta, keep, free, actions):
         if free[i]:
             count += 1
             continue
-        if keep:
-            at = way.elapsed[i] % way.trail.shape[1]
+        at = way.elapsed[i]
+        if keep and at < way.trail.shape[1]:
             way.trail[i, at] = zeta[i]
             for k in range(len(table)):
                 way.trail_open[i, at, k] = masks[i, table[k, 0]] and masks[i, table[k, 1]]

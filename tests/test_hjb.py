@@ -206,6 +206,22 @@ def test_movements_last_what_they_say() -> None:
     assert moves.length[moves.names.index("sleep")] == 50
 
 
+def test_states_on_the_way_are_of_the_tick_that_they_say() -> None:
+    """Of a movement of any length, a state that is remembered from the way is as old as its duration says."""
+    env, learner = paper_learner(pause=300.0, epsilon=1.0, epsilon_final=1.0)
+    group = env.groups["agent"]
+    learner.movement[0], learner.left[0] = learner.moves.names.index("rest"), 300
+    mask = np.zeros((1, len(group.actions)), bool)
+    mask[0, [group.actions.index("rest"), group.actions.index("walk")]] = True
+    for tick in range(300):
+        learner.act(np.full((1, learner.components), tick, np.float32), mask)
+    learner.act(np.full((1, learner.components), 300, np.float32), mask)
+    assert learner.memory.count[0] == 2
+    on_the_way = learner.memory.zeta[0, 1, 0]
+    assert 0 < on_the_way < 64
+    assert learner.memory.duration[0, 1] == pytest.approx((300 - on_the_way) * group.dt)
+
+
 def test_explored_walks_go_on() -> None:
     """Walks explored at random are longer than a stride, by a zeta law; other movements happen once."""
 
