@@ -265,6 +265,7 @@ class HJB(Learner):
             movements=self.count,
             finite=s.finite_difference,
             minimum=s.minimum_in_loss,
+            slow=s.target_network,
         )
 
     # ---- births and deaths ----------------------------------------------------------------

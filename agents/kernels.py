@@ -69,6 +69,7 @@ class Senses(NamedTuple):
     movements: int  # M
     finite: bool  # the score over a whole movement
     minimum: bool  # the min in L_J
+    slow: bool  # whether there is a target network
 
 
 class Brains(NamedTuple):
@@ -751,9 +752,10 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
         loss_j[i] = learn_j(s, zeta, done, goal, pace, brains.J[i], centres, cells, room, g_j)
         brains.J_steps[i] += 1
         step(brains.J[i], g_j, brains.J_first[i], brains.J_second[i], brains.J_steps[i], rate[i], silent, ends)
-        slow, fast = brains.target[i], brains.J[i]
-        for p in range(len(slow)):
-            slow[p] += POLYAK * (fast[p] - slow[p])
+        if s.slow:
+            slow, fast = brains.target[i], brains.J[i]
+            for p in range(len(slow)):
+                slow[p] += POLYAK * (fast[p] - slow[p])
 
 
 @compiled

@@ -234,7 +234,8 @@ class Torch(Device):
             loss_j = _mean(residual.square(), known)
             loss_j.sum().backward()
         self._adam(own.J, leaves, own.J_first, own.J_second, own.J_steps, rate, learns)
-        own.target.lerp_(own.J, float(POLYAK) * learns.float())
+        if s.slow:
+            own.target.lerp_(own.J, float(POLYAK) * learns.float())
         return torch.stack([loss_f.detach(), loss_j.detach()])
 
     def _positions(self, ring: Ring, uniform: Tensor, late: int, recent: int) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ from agents import hjb, kernels, loop
 from agents.device import Cpu
 from agents.hjb import ALGORITHM1, HJB
 from agents.torch_device import Torch
-from ecology import Ecology
+from ecology import Ecology, EcologyError
+from scenarios import _run
+from scenarios._plan import resolve
 
 SMALL = {"width": 16, "batch": 12, "batch_f": 20, "place_cells": 8, "memory": 60, "recent": 20}
 PRINTED = {**ALGORITHM1, "width": 16}
@@ -194,6 +197,23 @@ def test_a_life_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:
         assert array.shape == ends["kernels"][name].shape
     assert (ends["kernels"]["adam_J.steps"][2:] > arrays["adam_J.steps"][2:]).all()
     assert np.isfinite(ends["kernels"]["loss_j"][2:]).all()
+
+
+def test_a_run_of_a_device_that_is_not_here_goes_on_elsewhere(tmp_path: Path) -> None:
+    """A run whose device is missing is refused with what is there; told another device, it is restored and goes on."""
+    out = tmp_path / "run"
+    choice = {"learners": ["hjb"], "changes": {"learner.width": 4, "learner.memory": 50}}
+    it = _run.Run(resolve("paper", ticks=20, record=False, **choice), out)
+    it.start()
+    it.live()
+    config = out / _run.CONFIG
+    config.write_text(config.read_text().replace('device = "cpu"', 'device = "cuda:99"'))
+    with pytest.raises(EcologyError, match="no device 'cuda:99' here; there is cpu"):
+        _run.opened(out, 30)
+    again = _run.opened(out, 30, "cpu")
+    again.resume()
+    assert again.live()["ticks"] == 30
+    assert 'device = "cpu"' in config.read_text()
 
 
 def test_threads_make_no_difference(monkeypatch) -> None:
