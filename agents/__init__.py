@@ -55,7 +55,13 @@ def settings(name: str) -> dict[str, Any]:
     return {**cls.defaults(), **(getattr(importlib.import_module(module), preset) if preset else {})}
 
 
-def make(name: str, group: Group, seed: np.random.SeedSequence, settings_: Mapping[str, Any]) -> Learner:
-    """Return a learner `name` for the slots of `group`; `settings_` where they are not the defaults."""
+def make(
+    name: str, group: Group, seed: np.random.SeedSequence, settings_: Mapping[str, Any], device: str = "cpu"
+) -> Learner:
+    """Return a learner `name` for the slots of `group`; `settings_` where they are not the defaults.
+
+    It computes on `device` if it can, else on the CPU. EcologyError where the device is not here.
+    """
     cls = learner_class(name)
-    return cls.with_settings(group, seed, {**settings(name), **settings_})
+    words = {"device": device} if cls.devices else {}
+    return cls.with_settings(group, seed, {**settings(name), **settings_}, **words)

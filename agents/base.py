@@ -63,6 +63,8 @@ class Learner(ABC):
     (`Group`: layout, action names, kinds, speeds). It never sees the state of the world.
     """
 
+    devices = False  # whether `with_settings` takes a device to compute on; else it is the CPU
+
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         self.group = group
         self.size = group.size

@@ -13,17 +13,14 @@ off alone. An agent is given d and the layout of its own senses, nothing of the 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
+from agents import device as devices
 from agents import kernels
 from agents.base import DivergedError, Learner, Transition, drive_terms
 from agents.memory import Memory
@@ -40,7 +37,6 @@ LENGTH = 0.5  # the same for a position, times half the extent; angles in radian
 ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
 ZETA = 2.0  # exponent of the law of the length of explored walks
 BLANK = {"movement": -1, "loss_f": math.nan, "loss_j": math.nan}  # of a life that begins; all else 0
-CROWD = 8  # agents from which on work is split over threads
 TRAIL = 64  # ticks of a movement whose states are kept on the way
 
 
@@ -131,7 +127,13 @@ LEAN: Mapping[str, Any] = {"width": 32, "batch": 32, "batch_f": 64, "update_ever
 
 
 class HJB(Learner):
-    """n agents that learn f and J online, each from its own life."""
+    """n agents that learn f and J online, each from its own life.
+
+    Networks, place cells and memories are held by a `Device`, which computes scores and updates; which
+    movement is under way is kept here.
+    """
+
+    devices = True
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -139,8 +141,10 @@ class HJB(Learner):
         return dataclasses.asdict(HJBSettings())
 
     @classmethod
-    def with_settings(cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]) -> HJB:
-        """Return n learners with `settings` by name."""
+    def with_settings(
+        cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any], device: str = "cpu"
+    ) -> HJB:
+        """Return n learners with `settings` by name that compute on `device`."""
         known = cls.defaults()
         checked = {}
         for name, value in settings.items():
@@ -152,9 +156,15 @@ class HJB(Learner):
             if type(value) is not kind:
                 raise EcologyError(f"learner setting {name} is of type {kind.__name__}, got {value!r}.")
             checked[name] = value
-        return cls(group, seed, HJBSettings(**checked))
+        return cls(group, seed, HJBSettings(**checked), device)
 
-    def __init__(self, group: Group, seed: np.random.SeedSequence, settings: HJBSettings | None = None) -> None:
+    def __init__(
+        self,
+        group: Group,
+        seed: np.random.SeedSequence,
+        settings: HJBSettings | None = None,
+        device: str = "cpu",
+    ) -> None:
         super().__init__(group, seed)
         self.settings = s = settings or HJBSettings()
         n = group.size
@@ -168,18 +178,20 @@ class HJB(Learner):
         self.components, self.count = len(kinds), len(self.moves.names)
         self.cells = s.place_cells if np.sum(kinds == "position") >= 2 else 0
         self.senses = self._senses()
+        self.device = at = devices.make(device, self.senses, n)
         draw = np.random.default_rng(seed.spawn(1)[0])
         self.generator = np.random.default_rng(draw.integers(2**62))
         angles = int(np.sum(kinds == "angle"))
         inputs = len(kinds) + angles + self.cells
         w = s.width
-        self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), self.generator)
-        self.J = Perceptrons(n, (inputs, w, w, 1), self.generator)
+        self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), self.generator, at)
+        self.J = Perceptrons(n, (inputs, w, w, 1), self.generator, at)
         # a slow copy of J, or J's own weights where it is switched off
-        self.target = self.J.weights.copy() if s.target_network else self.J.weights
-        self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count)
-        self.cell_centre = np.zeros((n, 2, self.cells), np.float32)
-        self.cell_count = np.zeros(n, np.int64)
+        self.target = self.J.weights + 0 if s.target_network else self.J.weights
+        self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count, at)
+        self.cell_centre = at.zeros((n, 2, self.cells), np.float32)
+        self.cell_count = at.zeros((n,), np.int64)
+        self.cell_names = at.on(np.arange(self.cells))
         self.brains = kernels.Brains(
             self.f.weights, self.f.first, self.f.second, self.f.steps,
             self.J.weights, self.J.first, self.J.second, self.J.steps,
@@ -187,7 +199,6 @@ class HJB(Learner):
         )  # fmt: skip
         m = self.memory
         self.ring = kernels.Ring(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
-        self.threads = _threads(n)
 
         # the movement under way, one row per slot
         self.movement = np.full(n, -1)
@@ -198,6 +209,8 @@ class HJB(Learner):
         self.was_open = np.zeros((n, self.count), bool)
         self.trail = np.zeros((n, TRAIL, self.components), np.float32)  # zeta on the way, by ticks elapsed
         self.trail_open = np.zeros((n, TRAIL, self.count), bool)
+        self.way = kernels.Way(self.movement, self.stage, self.left, self.elapsed, self.trail, self.trail_open)
+        self.free = np.zeros(n, bool)  # who has no movement to go on with
         self.more = np.zeros(n, np.int64)  # strides that an explored walk goes on for
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.ticks = 0
@@ -252,6 +265,7 @@ class HJB(Learner):
             movements=self.count,
             finite=s.finite_difference,
             minimum=s.minimum_in_loss,
+            slow=s.target_network,
         )
 
     # ---- births and deaths ----------------------------------------------------------------
@@ -267,17 +281,19 @@ class HJB(Learner):
         self.f.forget(slots)
         self.J.forget(slots)
         own = (parents >= 0) & self.settings.inherit
-        new, heirs, from_ = slots[~own], slots[own], parents[own]
+        new, heirs = slots[~own], slots[own]
         self.f.redraw(new)
         self.J.redraw(new)
-        self.target[new] = self.J.weights[new]
+        blank, to, from_ = (self.device.on(rows) for rows in (new, heirs, parents[own]))
+        self.target[blank] = self.J.weights[blank]
+        self.cell_centre[blank], self.cell_count[blank] = 0, 0
         for array in (self.f.weights, self.J.weights, self.target, self.cell_centre, self.cell_count):
-            array[heirs] = array[from_]
+            array[to] = array[from_]
         if self.settings.mutation > 0:
             self.f.mutate(heirs, self.settings.mutation)
             noise = self.J.mutate(heirs, self.settings.mutation)
             if self.settings.target_network:
-                self.target[heirs] += noise  # it mutates with J
+                self.target[to] += noise  # it mutates with J
 
     # ---- acting ---------------------------------------------------------------------------
 
@@ -301,34 +317,20 @@ class HJB(Learner):
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Go on with the movements under way, decide where one has ended, and return actions (n,)."""
-        rows_ = np.arange(self.size)
-        on = self._goes_on(masks)
-        ended = np.flatnonzero(~on & (self.movement >= 0))
-        if ended.size and self.learning:
-            self._remember(ended, observations)
-        if self.learning and self.settings.intra_option:
-            self.trail[rows_, self.elapsed % TRAIL] = observations
-            self.trail_open[rows_, self.elapsed % TRAIL] = self.moves.open(masks)
-        deciding = np.flatnonzero(~on & masks.any(axis=1))
-        if deciding.size:
-            self._decide(deciding, observations[deciding], masks[deciding])
-        self.left -= 1
-        self.elapsed += 1
-        return self.moves.action[self.movement, self.stage][rows_]
-
-    def _goes_on(self, masks: np.ndarray) -> np.ndarray:
-        """Return whose movement goes on, (n,), having passed to its second stage where due."""
-        moves, at = self.moves, self.movement
-        under_way = at >= 0
-        rows_ = np.arange(self.size)
-        over = self.left <= 0
-        following = over & (self.stage == 0) & (moves.ticks[at, 1] > 0) & under_way
-        self.stage[following] = 1
-        self.left[following] = moves.ticks[at, 1][following]
-        over &= ~following
-        action = moves.action[at, self.stage]
-        forced = masks.sum(axis=1) == 1  # the world leaves no choice
-        return under_way & masks[rows_, action] & (~over | forced)
+        actions = np.empty(self.size, np.int64)
+        keep = self.learning and self.settings.intra_option
+        if kernels.go_on(self.moves.action, self.moves.ticks, self.way, masks, observations, keep, self.free, actions):
+            free = np.flatnonzero(self.free)
+            ended = free[self.movement[free] >= 0]
+            if ended.size and self.learning:
+                self._remember(ended, observations)
+            deciding = free[masks[free].any(axis=1)]
+            if deciding.size:
+                self._decide(deciding, observations[deciding], masks[deciding])
+            self.left[free] -= 1
+            self.elapsed[free] += 1
+            actions[free] = self.moves.action[self.movement[free], self.stage[free]]
+        return actions
 
     def _decide(self, slots: np.ndarray, observations: np.ndarray, masks: np.ndarray) -> None:
         """Choose a movement for the agents in `slots` (k,): epsilon-greedy in the HJB score."""
@@ -340,7 +342,7 @@ class HJB(Learner):
         knows = np.flatnonzero(~explores)
         chosen = explored
         if knows.size:
-            score = self._scores(slots[knows], observations[knows], open_[knows])
+            score = self.device.scores(self.brains, slots[knows], observations[knows], open_[knows])
             if np.isnan(score).any() or np.isneginf(score).any():
                 bad = int(slots[knows[np.flatnonzero(~(score > -np.inf).all(axis=1))[0]]])
                 raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
@@ -372,15 +374,13 @@ class HJB(Learner):
 
     def _recruit(self, slots: np.ndarray, observations: np.ndarray) -> None:
         """Give a place cell to those of `slots` who stand farther than the spacing from all of theirs."""
-        here = observations[:, self.senses.place]  # (k, 2)
-        centre = self.cell_centre[slots]
-        gap = np.hypot(centre[:, 0] - here[:, :1], centre[:, 1] - here[:, 1:])
-        gap[np.arange(self.cells) >= self.cell_count[slots][:, None]] = np.inf
-        new = (gap.min(axis=1) > self.settings.place_spacing) & (self.cell_count[slots] < self.cells)
-        who = slots[new]
-        at = self.cell_count[who]
-        self.cell_centre[who, :, at] = here[new]
-        self.cell_count[who] += 1
+        at, here = self.device.on(slots), self.device.on(observations[:, self.senses.place])  # (k), (k, 2)
+        gap = ((self.cell_centre[at] - here[:, :, None]) ** 2).sum(1)  # (k, C)
+        count = self.cell_count[at]
+        far = (gap > self.settings.place_spacing**2) | (self.cell_names >= count[:, None])
+        new = far.all(1) & (count < self.cells)
+        self.cell_centre[at[new], :, count[new]] = here[new]
+        self.cell_count[at[new]] += 1
 
     # ---- learning -------------------------------------------------------------------------
 
@@ -432,12 +432,12 @@ class HJB(Learner):
 
     def _update(self, ready: np.ndarray) -> None:
         """Take one gradient step on L_f and L_J for the agents that are `ready` (n,)."""
-        s, n, g = self.settings, self.size, self.generator
+        s, n = self.settings, self.size
         b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
         m = round(s.imagined * b)
         draws = kernels.Draws(
-            uniform=g.random((n, b + bf + m * self.components + m + m // 2), np.float32),
-            normal=g.standard_normal((n, m // 2, self.components), np.float32),
+            uniform=self.device.uniform(self.generator, (n, b + bf + m * self.components + m + m // 2)),
+            normal=self.device.normal(self.generator, (n, m // 2, self.components)),
             batch=b,
             batch_f=bf,
             recent=s.recent,
@@ -445,78 +445,50 @@ class HJB(Learner):
             late_f=round(bf * s.recent_share),
             imagined=m,
         )
-        rate = self.rate()
-        self._share(
-            lambda start, stop: kernels.update(
-                self.senses, self.brains, self.ring, draws, ready, rate, self.loss_f, self.loss_j, start, stop
-            ),
-            n,
-        )
+        self.device.update(self.brains, self.ring, draws, ready, self.rate(), self.loss_f, self.loss_j)
         bad = np.flatnonzero(ready & ~(np.isfinite(self.loss_f) & np.isfinite(self.loss_j)))
         if bad.size:
             raise DivergedError("L_f or L_J", self.group.slots.start + int(bad[0]), ADVICE)
 
-    def _scores(self, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
-        """Return the HJB score (k, M) of the open movements of `slots` (k,) at zeta (k, D), infinity elsewhere."""
-        out = np.empty(open_.shape, np.float32)
-        self._share(
-            lambda start, stop: kernels.decide(
-                self.senses,
-                self.brains,
-                slots[start:stop],
-                zeta[start:stop],
-                open_[start:stop],
-                out[start:stop],
-            ),
-            len(slots),
-        )
-        return out
-
-    def _share(self, work: Callable[[int, int], None], count: int) -> None:
-        """Do `work` on the rows from 0 to `count`, split over threads where there are many."""
-        with BLAS.limit(limits=1, user_api="blas"):
-            if self.threads is None or count < CROWD:
-                return work(0, count)
-            edges = np.linspace(0, count, 4 * WORKERS + 1).astype(int)
-            for done in [self.threads.submit(work, a, b) for a, b in itertools.pairwise(edges.tolist())]:
-                done.result()
-
     # ---- what it has become ---------------------------------------------------------------
 
     def _life(self) -> dict[str, np.ndarray]:
-        """Return every array that changes and starts blank at birth, by name."""
+        """Return every array here that changes and starts blank at birth, by name."""
         own = (
-            "cell_centre", "cell_count", "movement", "stage", "left", "elapsed", "began", "was_open", "more",
+            "movement", "stage", "left", "elapsed", "began", "was_open", "more",
             "trail", "trail_open", "age", "loss_f", "loss_j", "decisions",
         )  # fmt: skip
         return {name: getattr(self, name) for name in own} | {"memory.count": self.memory.count}
 
-    def _arrays(self) -> dict[str, np.ndarray]:
-        """Return every array that changes, by name."""
-        found = {"target": self.target}
+    def _held(self) -> dict[str, Any]:
+        """Return every array that the device holds, by name."""
+        found = {name: getattr(self, name) for name in ("target", "cell_centre", "cell_count")}
         for name, network in (("f", self.f), ("J", self.J)):
             found[name] = network.weights
             found |= {f"adam_{name}.{part}": getattr(network, part) for part in ("first", "second", "steps")}
         for name in ("zeta", "after", "duration", "movement", "open"):
             found[f"memory.{name}"] = getattr(self.memory, name)
-        return found | self._life()
+        return found
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the agents have become: arrays, and plain values that JSON holds."""
         streams = {"rng": self.rng.bit_generator.state, "generator": self.generator.bit_generator.state}
-        return self._arrays(), {**streams, "ticks": self.ticks}
+        held = {name: self.device.off(array) for name, array in self._held().items()}
+        return held | self._life(), {**streams, "ticks": self.ticks}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned; EcologyError where it does not fit this learner."""
-        own = self._arrays()
-        for name, here in own.items():
+        held, life = self._held(), self._life()
+        for name, here in (held | life).items():
             shape = arrays[name].shape if name in arrays else None
-            if shape != here.shape:
+            if shape != tuple(here.shape):
                 raise EcologyError(
                     f"the checkpoint does not fit the learner: {name} has the shape {shape}, the learner "
-                    f"{here.shape}; load it with the settings that it was written with."
+                    f"{tuple(here.shape)}; load it with the settings that it was written with."
                 )
-        for name, array in own.items():
+        for name, array in held.items():
+            array[...] = self.device.on(arrays[name])
+        for name, array in life.items():
             array[...] = arrays[name]
         self.rng.bit_generator.state = values["rng"]
         self.generator.bit_generator.state = values["generator"]
@@ -536,16 +508,16 @@ class HJB(Learner):
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray:
         """Return -ln(gamma) J in drive units, (m,) at states (m, D), for the agent in `slot`."""
         zeta = np.ascontiguousarray(zeta, np.float32)
-        return kernels.value_at(self.senses, self.brains, slot, zeta)
+        return self.device.value(self.brains, slot, zeta)
 
     def slope(self, slot: int, zeta: np.ndarray) -> np.ndarray:
         """Return the derivative of `deviation` by zeta, (m, D) at states (m, D)."""
-        return kernels.slope_at(self.senses, self.brains, slot, np.ascontiguousarray(zeta, np.float32))
+        return self.device.slope(self.brains, slot, np.ascontiguousarray(zeta, np.float32))
 
     def predict(self, slot: int, zeta: np.ndarray) -> dict[str, Any]:
         """Return f at states (m, D): movement names, change (m, M, D), duration (m, M)."""
         zeta = np.ascontiguousarray(zeta, np.float32)
-        raw = kernels.forecast_at(self.senses, self.brains, slot, zeta)
+        raw = self.device.forecast(self.brains, slot, zeta)
         raw = raw.reshape(len(zeta), self.count, self.components + 1) * self.senses.unit
         duration = raw[..., -1].clip(self.group.dt, kernels.LONGEST)
         return {"names": self.moves.names, "change": raw[..., :-1], "duration": duration}
@@ -594,7 +566,8 @@ class HJB(Learner):
         """Return the error of f per component over the `last` decisions, relative to the changes met, (D,)."""
         memory, newest = self.memory, int(self.memory.count[slot])
         at = np.arange(max(newest - min(last, memory.capacity), 0), newest) % memory.capacity
-        began, met, taken = (part[slot, at] for part in (memory.zeta, memory.after, memory.movement))
+        rows = self.device.on(at)
+        began, met, taken = (self.device.off(part[slot, rows]) for part in (memory.zeta, memory.after, memory.movement))
         kept = taken >= 0
         if kept.sum() < 2:
             return np.full(self.components, np.nan)
@@ -605,12 +578,3 @@ class HJB(Learner):
         size = np.sqrt(np.square(change).mean(0))
         error = np.sqrt(np.square(predicted - change).mean(0))
         return np.divide(error, size, out=np.full(self.components, np.nan), where=size > 1e-9)
-
-
-BLAS = ThreadpoolController()
-WORKERS = int(os.environ.get("NUMBA_NUM_THREADS", 0)) or len(os.sched_getaffinity(0))
-
-
-def _threads(n: int) -> ThreadPoolExecutor | None:
-    """Return threads for n agents; None where one is enough. Results do not depend on their number."""
-    return ThreadPoolExecutor(WORKERS) if WORKERS > 1 and n >= CROWD else None

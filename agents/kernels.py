@@ -27,6 +27,8 @@ FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps denor
 FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
 LONGEST = F(300.0)  # units of time, of a predicted duration
 
+Array = Any  # of NumPy, or as another device holds it
+
 FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
 # no assumption about NaN or infinity: what diverges must be seen
 compiled = numba.njit(fastmath={"reassoc", "contract", "arcp", "nsz"}, **FLAGS)
@@ -36,21 +38,21 @@ exactly = numba.njit(fastmath={"contract"}, **FLAGS)  # additions in the order i
 class Senses(NamedTuple):
     """What all agents of one learner share: how zeta becomes inputs and drive, and the equation's constants."""
 
-    centre: np.ndarray  # (D,)
-    inverse: np.ndarray  # (D,) 1 / scale
-    scale: np.ndarray  # (D,)
-    low: np.ndarray  # (D,)
-    high: np.ndarray  # (D,)
-    unit: np.ndarray  # (D + 1,) of f's outputs
-    plain: np.ndarray  # int, components that are inputs as they are
-    angle: np.ndarray  # int, components that are inputs by cosine and sine
-    place: np.ndarray  # int (2,)
-    need: np.ndarray  # bool (D,)
-    deprivable: np.ndarray  # int, needs that can be deprived
-    mix_from: np.ndarray  # int: |zeta mix|^2 of the drive, entry by entry
-    mix_to: np.ndarray
-    mix_weight: np.ndarray
-    felt: np.ndarray  # (D,)
+    centre: Array  # (D,)
+    inverse: Array  # (D,) 1 / scale
+    scale: Array  # (D,)
+    low: Array  # (D,)
+    high: Array  # (D,)
+    unit: Array  # (D + 1,) of f's outputs
+    plain: Array  # int, components that are inputs as they are
+    angle: Array  # int, components that are inputs by cosine and sine
+    place: Array  # int (2,)
+    need: Array  # bool (D,)
+    deprivable: Array  # int, needs that can be deprived
+    mix_from: Array  # int: |zeta mix|^2 of the drive, entry by entry
+    mix_to: Array
+    mix_weight: Array
+    felt: Array  # (D,)
     epsilon: np.float32  # of the drive
     exponent: np.float32
     sharp: np.float32  # 1 / width^2 of a place cell
@@ -67,46 +69,58 @@ class Senses(NamedTuple):
     movements: int  # M
     finite: bool  # the score over a whole movement
     minimum: bool  # the min in L_J
+    slow: bool  # whether there is a target network
 
 
 class Brains(NamedTuple):
     """What the n agents have become: a row of weights each."""
 
-    f: np.ndarray  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M (D + 1), H), b3
-    f_first: np.ndarray  # Adam's moments
-    f_second: np.ndarray
-    f_steps: np.ndarray  # int (n,)
-    J: np.ndarray  # (n, Q) the same with one output
-    J_first: np.ndarray
-    J_second: np.ndarray
-    J_steps: np.ndarray
-    target: np.ndarray  # (n, Q) J itself without a target network
-    cell_centre: np.ndarray  # (n, 2, C)
-    cell_count: np.ndarray  # int (n,)
+    f: Array  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M (D + 1), H), b3
+    f_first: Array  # Adam's moments
+    f_second: Array
+    f_steps: Array  # int (n,)
+    J: Array  # (n, Q) the same with one output
+    J_first: Array
+    J_second: Array
+    J_steps: Array
+    target: Array  # (n, Q) J itself without a target network
+    cell_centre: Array  # (n, 2, C)
+    cell_count: Array  # int (n,)
 
 
 class Ring(NamedTuple):
     """The memory of decisions, see `agents.memory`."""
 
-    zeta: np.ndarray
-    after: np.ndarray
-    duration: np.ndarray
-    movement: np.ndarray
-    open: np.ndarray
-    lived: np.ndarray  # (n,) decisions so far
+    zeta: Array
+    after: Array
+    duration: Array
+    movement: Array
+    open: Array
+    lived: Array  # (n,) decisions so far
 
 
 class Draws(NamedTuple):
     """How a batch is drawn, and the random numbers for it."""
 
-    uniform: np.ndarray  # (n, >= batch + batch_f + m D + m + m // 2)
-    normal: np.ndarray  # (n, m // 2, D)
+    uniform: Array  # (n, >= batch + batch_f + m D + m + m // 2)
+    normal: Array  # (n, m // 2, D)
     batch: int
     batch_f: int
     recent: int
     late: int  # of the batch on J, those from the `recent` decisions
     late_f: int
     imagined: int  # m, of the batch on J, those whose needs are redrawn
+
+
+class Way(NamedTuple):
+    """The movements under way."""
+
+    movement: Array  # int (n,), -1: none
+    stage: Array  # int (n,)
+    left: Array  # int (n,) ticks of the stage that are left
+    elapsed: Array  # int (n,) ticks since the decision
+    trail: Array  # (n, T, D) zeta on the way, by ticks elapsed
+    trail_open: Array  # bool (n, T, M)
 
 
 class Room(NamedTuple):
@@ -636,6 +650,37 @@ def room_for(s, rows, parts, outputs, inputs, b):
 
 
 @compiled
+def go_on(table, ticks, way, masks, zeta, keep, free, actions):
+    """Live one tick of the movements that go on: fill actions (n,), and with `keep` the trail.
+
+    A movement passes to its second stage when the first is over; it goes on past its end where the world leaves
+    no choice. Returns how many agents have none to go on with, marked in free (n,). `table` and `ticks` (M, 2) are
+    those of `agents.movements`; masks (n, A), zeta (n, D).
+    """
+    count = 0
+    for i in range(len(free)):
+        m = way.movement[i]
+        free[i] = True
+        if m >= 0:
+            over = way.left[i] <= 0
+            if over and way.stage[i] == 0 and ticks[m, 1] > 0:
+                way.stage[i], way.left[i], over = 1, ticks[m, 1], False
+            actions[i] = table[m, way.stage[i]]
+            free[i] = not masks[i, actions[i]] or (over and np.sum(masks[i]) != 1)
+        if free[i]:
+            count += 1
+            continue
+        at = way.elapsed[i]
+        if keep and at < way.trail.shape[1]:
+            way.trail[i, at] = zeta[i]
+            for k in range(len(table)):
+                way.trail_open[i, at, k] = masks[i, table[k, 0]] and masks[i, table[k, 1]]
+        way.left[i] -= 1
+        way.elapsed[i] += 1
+    return count
+
+
+@compiled
 def decide(s, brains, slots, zeta, open_, out):
     """Fill out (k, M) with the scores of the agents `slots` (k,) at zeta (k, D), infinity where not open."""
     base = len(s.plain) + 2 * len(s.angle)
@@ -707,9 +752,10 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
         loss_j[i] = learn_j(s, zeta, done, goal, pace, brains.J[i], centres, cells, room, g_j)
         brains.J_steps[i] += 1
         step(brains.J[i], g_j, brains.J_first[i], brains.J_second[i], brains.J_steps[i], rate[i], silent, ends)
-        slow, fast = brains.target[i], brains.J[i]
-        for p in range(len(slow)):
-            slow[p] += POLYAK * (fast[p] - slow[p])
+        if s.slow:
+            slow, fast = brains.target[i], brains.J[i]
+            for p in range(len(slow)):
+                slow[p] += POLYAK * (fast[p] - slow[p])
 
 
 @compiled

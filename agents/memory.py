@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from agents.device import Device
+
 
 class Memory:
     """The last `capacity` decisions of n agents: state, movement, state after, duration, what was open."""
 
-    def __init__(self, n: int, capacity: int, components: int, movements: int) -> None:
-        self.capacity = capacity
-        self.zeta = np.zeros((n, capacity, components), np.float32)
-        self.after = np.zeros((n, capacity, components), np.float32)
-        self.duration = np.zeros((n, capacity), np.float32)  # units of time
-        self.movement = np.zeros((n, capacity), np.int16)  # -1: what it would have led to is unknown
-        self.open = np.zeros((n, capacity, movements), bool)
+    def __init__(self, n: int, capacity: int, components: int, movements: int, device: Device) -> None:
+        self.capacity, self.device = capacity, device
+        self.zeta = device.zeros((n, capacity, components), np.float32)
+        self.after = device.zeros((n, capacity, components), np.float32)
+        self.duration = device.zeros((n, capacity), np.float32)  # units of time
+        self.movement = device.zeros((n, capacity), np.int16)  # -1: what it would have led to is unknown
+        self.open = device.zeros((n, capacity, movements), np.bool_)
         self.count = np.zeros(n, np.int64)  # decisions so far
 
     def add(
@@ -27,10 +29,10 @@ class Memory:
         open_: np.ndarray,
     ) -> None:
         """Store one decision for each of `slots` (k,)."""
-        at = self.count[slots] % self.capacity
-        self.zeta[slots, at] = zeta
-        self.after[slots, at] = after
-        self.duration[slots, at] = duration
-        self.movement[slots, at] = movement
-        self.open[slots, at] = open_
+        rows, at = self.device.on(slots), self.device.on(self.count[slots] % self.capacity)
+        self.zeta[rows, at] = self.device.on(zeta)
+        self.after[rows, at] = self.device.on(after)
+        self.duration[rows, at] = self.device.on(duration)
+        self.movement[rows, at] = self.device.on(movement.astype(np.int16))
+        self.open[rows, at] = self.device.on(open_)
         self.count[slots] += 1

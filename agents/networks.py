@@ -5,8 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+
+from agents.device import Device
 
 
 class Perceptrons:
@@ -16,14 +19,14 @@ class Perceptrons:
     (out, in), an output's weights side by side.
     """
 
-    def __init__(self, n: int, sizes: Sequence[int], rng: np.random.Generator) -> None:
-        """Draw weights for layers of `sizes`."""
-        self.sizes, self.rng = tuple(sizes), rng
+    def __init__(self, n: int, sizes: Sequence[int], rng: np.random.Generator, device: Device) -> None:
+        """Draw weights for layers of `sizes`, held by `device`."""
+        self.sizes, self.rng, self.device = tuple(sizes), rng, device
         self.last = sizes[-1] * (sizes[-2] + 1)  # weights of the last layer
-        self.weights = self._draw(n)
-        self.first = np.zeros_like(self.weights)  # Adam's m
-        self.second = np.zeros_like(self.weights)  # and v
-        self.steps = np.zeros(n, np.int64)
+        self.weights = device.on(self._draw(n))
+        self.first = device.zeros(self.weights.shape, np.float32)  # Adam's m
+        self.second = device.zeros(self.weights.shape, np.float32)  # and v
+        self.steps = device.zeros((n,), np.int64)
 
     def _draw(self, n: int) -> np.ndarray:
         """Return weights (n, P), uniform within 1 / sqrt(fan in); an output of zero at birth."""
@@ -35,21 +38,23 @@ class Perceptrons:
 
     def redraw(self, slots: np.ndarray) -> None:
         """Draw the weights of the agents `slots` (k,) anew."""
-        self.weights[slots] = self._draw(len(slots))
+        self.weights[self.device.on(slots)] = self.device.on(self._draw(len(slots)))
 
     def forget(self, slots: np.ndarray) -> None:
         """Let the optimiser of the agents `slots` (k,) start anew."""
-        self.first[slots], self.second[slots], self.steps[slots] = 0, 0, 0
+        for array in (self.first, self.second, self.steps):
+            array[self.device.on(slots)] = 0
 
-    def mutate(self, slots: np.ndarray, share: float) -> np.ndarray:
+    def mutate(self, slots: np.ndarray, share: float) -> Any:
         """Add noise of `share` of each layer's root mean square to the weights of `slots`; return it (k, P)."""
-        noise = self.rng.standard_normal((len(slots), self.weights.shape[1]), np.float32)
+        rows = self.device.on(slots)
+        noise = self.device.on(self.rng.standard_normal((len(slots), self.weights.shape[1]), np.float32))
         start = 0
         for fan_in, fan_out in itertools.pairwise(self.sizes):
             for count in (fan_in * fan_out, fan_out):  # weights, biases
                 layer = slice(start, start + count)
-                size = np.sqrt(np.mean(self.weights[slots, layer] ** 2, axis=1, keepdims=True))
-                noise[:, layer] *= np.float32(share) * size
+                size = (self.weights[rows, layer] ** 2).mean(axis=1, keepdims=True) ** 0.5
+                noise[:, layer] *= share * size
                 start += count
-        self.weights[slots] += noise
+        self.weights[rows] += noise
         return noise

@@ -178,7 +178,7 @@ def resolve(
         raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
     ticks = world.ticks if ticks is None else ticks
     resolved = _tweaked(chosen, tweaks, life=ticks * float(world.dt))
-    _check_device(words.get("device", "cpu"))
+    _check_device(words.get("device", "cpu"), {name for name, _ in resolved.values()})
     plan = Plan(
         scenario=os.path.abspath(scenario) if scenario.endswith(".py") else scenario,
         settings={key: value for key, value in world.settings.items() if key != "ticks"},
@@ -232,9 +232,17 @@ def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], life: float) -> Chosen:
     return full
 
 
-def _check_device(device: str) -> None:
-    if device != "cpu":
-        raise EcologyError(f"device is cpu, no learner computes elsewhere yet; leave out --device {device!r}.")
+def _check_device(device: str, learners: Iterable[str]) -> None:
+    """Raise EcologyError where it is no device, or none of the learners computes on one."""
+    from agents import device as devices  # slow to load
+
+    devices.check(device)
+    if device != "cpu" and not any(agents.learner_class(name).devices for name in learners):
+        able = [name for name in agents.LEARNERS if agents.learner_class(name).devices]
+        raise EcologyError(
+            f"the learner {' and '.join(map(repr, sorted(learners)))} computes on the CPU alone, "
+            f"{', '.join(able)} on any device; leave out --device {device}."
+        )
 
 
 def world_digest(world: Scenario) -> str:

@@ -204,7 +204,9 @@ class Run:
         for i, (species, choice) in enumerate(plan.learners.items()):
             group = self.env.groups[species]
             with _room(f"the learner {choice.name} of {group.size} {species} {_big(choice)}".rstrip()):
-                self.learners[species] = agents.make(choice.name, group, learner_seed(plan.seed, i), choice.settings)
+                self.learners[species] = agents.make(
+                    choice.name, group, learner_seed(plan.seed, i), choice.settings, plan.device
+                )
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
         with _room(f"the tally of {plan.ticks} ticks"):
             self.tally = Tally(self.scenario, self.env, plan.ticks)
@@ -492,8 +494,11 @@ def learner_seed(seed: int, species: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(seed, spawn_key=(LEARNER_STREAM, species))
 
 
-def opened(folder: Path, ticks: int | None = None) -> Run:
-    """Return the run that `folder` holds, its learners and its world as built, not yet restored."""
+def opened(folder: Path, ticks: int | None = None, device: str | None = None) -> Run:
+    """Return the run that `folder` holds, its learners and its world as built, not yet restored.
+
+    Its learners compute on the run's device, or on another: a checkpoint holds the same whatever wrote it.
+    """
     if not (folder / CONFIG).is_file():
         raise EcologyError(f"the folder {str(folder)!r} holds no run: there is no {CONFIG} in it.")
-    return Run(resolve(config=read_config(folder / CONFIG), ticks=ticks), folder)
+    return Run(resolve(config=read_config(folder / CONFIG), ticks=ticks, device=device), folder)

@@ -172,19 +172,21 @@ def run(
     keep_every: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.  [default: none]")
     ] = None,
-    device: Annotated[str | None, typer.Option(help="cpu: no learner computes elsewhere yet.")] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.  [default: cpu]")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
     if resume is not None:
         _refuse("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
-        _refuse("--resume", record=record, no_record=no_record or None, keep_every=keep_every, device=device)
+        _refuse("--resume", record=record, no_record=no_record or None, keep_every=keep_every)
     elif previous:
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
     with contextlib.ExitStack() as stack:
         if resume is not None:
             stack.enter_context(_run.held(resume))
-            it = _run.opened(resume, ticks)
+            it = _run.opened(resume, ticks, device)
             it.resume(previous=previous)
         else:
             words = None if config is None else read_config(config)
@@ -642,7 +644,7 @@ def evaluate(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
-    it = _run.opened(run)
+    it = _run.opened(run, device="cpu")  # one agent at a time: on another device it would take longer
     world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")

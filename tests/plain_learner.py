@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -67,10 +68,15 @@ class PlainAgent:
         unit = torch.where(torch.tensor(self.need | (kinds == "felt")), 0.1 * self.scale, 0.5 * self.scale)
         unit[self.angle] = 1.0
         self.unit = torch.cat([unit, torch.tensor([self.s.stride if self.s.adaptive_steps else self.dt])])
-        self.f = network(list(learner.f.sizes), nn.ReLU, learner.f.weights[slot])
-        self.J = network(list(learner.J.sizes), nn.SiLU, learner.J.weights[slot])
-        self.slow = network(list(learner.J.sizes), nn.SiLU, learner.target[slot]) if self.s.target_network else self.J
+        own = {name: array[slot] for name, array in learner.state()[0].items()}
+        self.f = network(list(learner.f.sizes), nn.ReLU, own["f"])
+        self.J = network(list(learner.J.sizes), nn.SiLU, own["J"])
+        self.slow = network(list(learner.J.sizes), nn.SiLU, own["target"]) if self.s.target_network else self.J
         self.adam_f, self.adam_j = (torch.optim.Adam(m.parameters(), lr=1e-3) for m in (self.f, self.J))
+
+    def own(self, array: Any) -> np.ndarray:
+        """Return of an array that the learner's device holds what is of this agent, as it is now."""
+        return self.learner.device.off(array[self.slot])
 
     def drive(self, zeta: Tensor) -> Tensor:
         """Return d at zeta (..., D)."""
@@ -81,11 +87,10 @@ class PlainAgent:
         """Return network inputs for zeta (b, D)."""
         angle = zeta[:, self.angle]
         parts = [(zeta - self.centre)[:, self.plain] / self.scale[self.plain], angle.cos(), angle.sin()]
-        cells = self.learner.cells
-        if cells:
-            centres = torch.from_numpy(self.learner.cell_centre[self.slot].T)
+        if self.learner.cells:
+            centres = torch.from_numpy(self.own(self.learner.cell_centre).T)
             gap = (zeta[:, None, self.place] - centres).square().sum(-1)
-            on = torch.arange(cells) < int(self.learner.cell_count[self.slot])
+            on = torch.arange(self.learner.cells) < int(self.own(self.learner.cell_count))
             parts.append(torch.where(on, (-0.5 * gap / self.s.place_width**2).clamp(min=-30).exp(), 0.0))
         return torch.cat(parts, 1)
 
@@ -155,18 +160,19 @@ class PlainAgent:
 
     def update(self, uniform: np.ndarray, normal: np.ndarray, rate: float) -> tuple[float, float]:
         """Take one step on L_f and L_J with the random numbers of this agent; return both losses."""
-        s, memory, i = self.s, self.learner.memory, self.slot
+        s, ring = self.s, self.learner.ring
+        memory = {name: self.own(getattr(ring, name)) for name in ("zeta", "after", "duration", "movement", "open")}
         b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
         for group in (*self.adam_f.param_groups, *self.adam_j.param_groups):
             group["lr"] = rate
         at = self.positions(uniform[b : b + bf])
-        zeta, after = torch.from_numpy(memory.zeta[i, at]), torch.from_numpy(memory.after[i, at])
-        movement = torch.from_numpy(memory.movement[i, at].astype(np.int64))
+        zeta, after = torch.from_numpy(memory["zeta"][at]), torch.from_numpy(memory["after"][at])
+        movement = torch.from_numpy(memory["movement"][at].astype(np.int64))
         out = self.f(self.features(zeta)).view(bf, self.count, self.parts + 1)
         picked = out[torch.arange(bf), movement.clamp(min=0)]
         change = after - zeta
         change[:, self.angle] = torch.atan2(change[:, self.angle].sin(), change[:, self.angle].cos())
-        duration = torch.from_numpy(memory.duration[i, at]).clamp(max=300.0)
+        duration = torch.from_numpy(memory["duration"][at]).clamp(max=300.0)
         goal = torch.cat([change, duration[:, None]], 1) / self.unit
         known = (movement >= 0).float()
         loss_f = ((picked - goal).square().mean(1) * known).sum() / known.sum().clamp(min=1)
@@ -175,8 +181,8 @@ class PlainAgent:
         self.adam_f.step()
 
         at = self.positions(uniform[:b])
-        zeta, after = torch.from_numpy(memory.zeta[i, at]), torch.from_numpy(memory.after[i, at])
-        movement, open_ = torch.from_numpy(memory.movement[i, at].astype(np.int64)), memory.open[i, at]
+        zeta, after = torch.from_numpy(memory["zeta"][at]), torch.from_numpy(memory["after"][at])
+        movement, open_ = torch.from_numpy(memory["movement"][at].astype(np.int64)), memory["open"][at]
         executed, known = movement.clamp(min=0), (movement >= 0).float()
         m = round(s.imagined * b)
         zeta = self.imagine(zeta, uniform[b + bf :], normal, m)

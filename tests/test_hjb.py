@@ -129,7 +129,7 @@ HERE = np.array([[-0.5, -1.0, -0.2, -2.0, 0.3, 0.4, 3.2, 2.2, 0.7]], np.float32)
 
 def all_scores(learner: HJB, zeta: np.ndarray) -> np.ndarray:
     """Return the score of every movement (M,) at one state (1, D)."""
-    return learner._scores(np.zeros(1, np.int64), zeta, np.ones((1, learner.count), bool))[0]
+    return learner.device.scores(learner.brains, np.zeros(1, np.int64), zeta, np.ones((1, learner.count), bool))[0]
 
 
 def drive(zeta: np.ndarray) -> np.ndarray:
@@ -204,6 +204,22 @@ def test_movements_last_what_they_say() -> None:
     assert "turn_left" in adaptive(group, bearings=False).names
     assert single_ticks(group).ticks.sum() == len(group.actions)
     assert moves.length[moves.names.index("sleep")] == 50
+
+
+def test_states_on_the_way_are_of_the_tick_that_they_say() -> None:
+    """Of a movement of any length, a state that is remembered from the way is as old as its duration says."""
+    env, learner = paper_learner(pause=300.0, epsilon=1.0, epsilon_final=1.0)
+    group = env.groups["agent"]
+    learner.movement[0], learner.left[0] = learner.moves.names.index("rest"), 300
+    mask = np.zeros((1, len(group.actions)), bool)
+    mask[0, [group.actions.index("rest"), group.actions.index("walk")]] = True
+    for tick in range(300):
+        learner.act(np.full((1, learner.components), tick, np.float32), mask)
+    learner.act(np.full((1, learner.components), 300, np.float32), mask)
+    assert learner.memory.count[0] == 2
+    on_the_way = learner.memory.zeta[0, 1, 0]
+    assert 0 < on_the_way < 64
+    assert learner.memory.duration[0, 1] == pytest.approx((300 - on_the_way) * group.dt)
 
 
 def test_explored_walks_go_on() -> None:

@@ -1,8 +1,9 @@
-"""The compiled kernels against the plain learner: the same scores, losses and weights."""
+"""The compiled kernels, and torch on stacked weights, against the plain learner: equal scores, losses and weights."""
 
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,13 @@ from plain_learner import PlainAgent, as_row
 
 import agents
 import scenarios
-from agents import hjb, kernels
+from agents import hjb, kernels, loop
+from agents.device import Cpu
 from agents.hjb import ALGORITHM1, HJB
-from ecology import Ecology
+from agents.torch_device import Torch
+from ecology import Ecology, EcologyError
+from scenarios import _run
+from scenarios._plan import resolve
 
 SMALL = {"width": 16, "batch": 12, "batch_f": 20, "place_cells": 8, "memory": 60, "recent": 20}
 PRINTED = {**ALGORITHM1, "width": 16}
@@ -30,6 +35,29 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
+def on_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let learners compute by torch, and let it raise where a tensor is taken for an array, as a GPU's would."""
+
+    def refuse(*_: object) -> None:
+        raise TypeError("a tensor on a device is no array")
+
+    monkeypatch.setattr("agents.device.make", lambda _, senses, n: Torch("cpu", senses))
+    monkeypatch.setattr(torch.Tensor, "__array__", refuse)
+
+
+@pytest.fixture(params=["kernels", "torch"])
+def computes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Let learners compute by kernels, and then by torch; its device is the CPU, but shares nothing with NumPy.
+
+    For both, random numbers are those of the learner's own generator.
+    """
+    if request.param == "torch":
+        on_torch(monkeypatch)
+        monkeypatch.setattr(Torch, "uniform", lambda self, g, shape: self.on(g.random(shape, np.float32)))
+        monkeypatch.setattr(Torch, "normal", lambda self, g, shape: self.on(g.standard_normal(shape, np.float32)))
+    return request.param
+
+
 def learned(settings: dict[str, Any], n: int = 3) -> HJB:
     """Return n agents with random networks and memories of different lengths."""
     scenario = scenarios.load("paper")
@@ -38,14 +66,18 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
     learner = agents.make("hjb", group, np.random.SeedSequence(4), {"learning_rate": 3e-3, **settings})
     assert isinstance(learner, HJB)
     rng = np.random.default_rng(0)
-    for network in (learner.f, learner.J):
-        network.weights[:, -network.last :] = rng.normal(scale=0.3, size=(n, network.last))
+    arrays, values = learner.state()
+    arrays = {name: array.copy() for name, array in arrays.items()}
+    for name, network in (("f", learner.f), ("J", learner.J)):
+        arrays[name][:, -network.last :] = rng.normal(scale=0.3, size=(n, network.last))
+    arrays["target"] = arrays["J"].copy()
     if learner.settings.target_network:
-        learner.target[:] = learner.J.weights + rng.normal(scale=0.05, size=learner.J.weights.shape)
+        arrays["target"] += rng.normal(scale=0.05, size=arrays["J"].shape)
     low, high = group.layout.low, group.layout.high
     if learner.cells:
-        learner.cell_count[:] = rng.integers(1, learner.cells + 1, n)
-        learner.cell_centre[:] = rng.uniform(0, 6, learner.cell_centre.shape)
+        arrays["cell_count"] = rng.integers(1, learner.cells + 1, n)
+        arrays["cell_centre"] = rng.uniform(0, 6, arrays["cell_centre"].shape).astype(np.float32)
+    learner.restore(arrays, values)
     for slot in range(n):
         for _ in range(30 + 40 * slot):
             zeta, after = (rng.uniform(low, high)[None].astype(np.float32) for _ in range(2))
@@ -62,7 +94,7 @@ def compare_updates(learner: HJB, updates: int = 6) -> None:
     s = learner.settings
     b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
     m = round(s.imagined * b)
-    before = learner.J.weights.copy()
+    before = learner.state()[0]["J"].copy()
     for k in range(updates):
         twin = np.random.default_rng()
         twin.bit_generator.state = learner.generator.bit_generator.state
@@ -73,22 +105,22 @@ def compare_updates(learner: HJB, updates: int = 6) -> None:
         for slot in np.flatnonzero(ready):
             losses = plain[slot].update(uniform[slot], normal[slot], float(learner.rate()[slot]))
             assert losses == pytest.approx((learner.loss_f[slot], learner.loss_j[slot]), rel=1e-3)
+    after = learner.state()[0]
     for slot, agent in enumerate(plain):
-        assert np.allclose(as_row(agent.f), learner.f.weights[slot], atol=1e-4)
-        assert np.allclose(as_row(agent.J), learner.J.weights[slot], atol=1e-4)
-        assert np.allclose(as_row(agent.slow), learner.target[slot], atol=1e-4)
-        assert np.abs(learner.J.weights[slot] - before[slot]).max() > 4e-3  # it has learned something
+        for name, network in (("f", agent.f), ("J", agent.J), ("target", agent.slow)):
+            assert np.allclose(as_row(network), after[name][slot], atol=1e-4)
+        assert np.abs(after["J"][slot] - before[slot]).max() > 4e-3  # it has learned something
     assert learner.J.steps.tolist() == [updates, updates - 1, updates][: learner.size]
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_an_update_equals_the_plain_one(variant: str) -> None:
+def test_an_update_equals_the_plain_one(variant: str, computes: str) -> None:
     """After some updates of three agents, every weight is that of modules with automatic gradients, to 1e-4."""
     compare_updates(learned(VARIANTS[variant]))
 
 
 @pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0])
-def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, monkeypatch) -> None:
+def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, monkeypatch, computes: str) -> None:
     """The same where the drive has another exponent, weights and components felt, added to needs or to itself."""
     plain_terms = hjb.drive_terms
 
@@ -103,14 +135,14 @@ def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, mo
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_scores_equal_the_plain_ones(variant: str) -> None:
+def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
     """The score of every open movement is the plain one, infinity where it is closed; slopes and f too."""
     learner = learned(VARIANTS[variant])
     rng = np.random.default_rng(1)
     layout = learner.group.layout
     zeta = rng.uniform(layout.low, layout.high, (3, learner.components)).astype(np.float32)
     open_ = rng.random((3, learner.count)) < 0.5
-    score = learner._scores(np.array([2, 0, 1]), zeta, open_)
+    score = learner.device.scores(learner.brains, np.array([2, 0, 1]), zeta, open_)
     for row, slot in enumerate((2, 0, 1)):
         plain = PlainAgent(learner, slot)
         at = torch.from_numpy(zeta[row : row + 1])
@@ -125,13 +157,73 @@ def test_scores_equal_the_plain_ones(variant: str) -> None:
         assert found["duration"] == pytest.approx(duration.detach().numpy(), rel=1e-3)
 
 
+def test_a_life_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A learner on torch lives, gives birth, is stopped, goes on the same, and goes on by kernels as well."""
+    scenario = scenarios.load("paper", ticks=400)
+    many = dataclasses.replace(scenario.species[0], count=4, position=None)
+    env = Ecology(dataclasses.replace(scenario, species=(many,)))
+    words = {**SMALL, "update_every": 4.0, "inherit": True, "mutation": 0.1, "epsilon": 0.2}
+
+    def make() -> HJB:
+        learner = agents.make("hjb", env.groups["agent"], np.random.SeedSequence(4), words)
+        assert isinstance(learner, HJB)
+        return learner
+
+    by_kernels = make()
+    on_torch(monkeypatch)
+    learner, twin = make(), make()
+    for name, array in learner.state()[0].items():
+        assert np.array_equal(array, by_kernels.state()[0][name], equal_nan=True), name
+    tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 300)
+    learner.died(np.array([0, 1]))
+    learner.born(np.array([0, 1]), np.array([-1, 2]))
+    assert (learner.state()[0]["cell_count"] > 0).tolist() == [False, True, True, True]
+    layout = env.groups["agent"].layout
+    told = learner.decision(2, tick.observations["agent"][2], tick.masks["agent"][2])
+    assert np.isfinite(told["score"]).all()
+    assert np.isfinite(told["error"][np.array(layout.kinds) == "deviation"]).any()
+    here, (arrays, values) = env.snapshot(), learner.state()
+    arrays = {name: array.copy() for name, array in arrays.items()}
+    for other in (twin, by_kernels):
+        other.restore(arrays, values)
+    ends = {}
+    for name, each in (("on", learner), ("again", twin), ("kernels", by_kernels)):
+        env.restore(*here)
+        loop.run(env, {"agent": each}, tick, 100)
+        ends[name] = each.state()[0]
+    for name, array in ends["on"].items():
+        assert np.array_equal(array, ends["again"][name], equal_nan=True), name
+        assert array.dtype == ends["kernels"][name].dtype
+        assert array.shape == ends["kernels"][name].shape
+    assert (ends["kernels"]["adam_J.steps"][2:] > arrays["adam_J.steps"][2:]).all()
+    assert np.isfinite(ends["kernels"]["loss_j"][2:]).all()
+
+
+def test_a_run_of_a_device_that_is_not_here_goes_on_elsewhere(tmp_path: Path) -> None:
+    """A run whose device is missing is refused with what is there; told another device, it is restored and goes on."""
+    out = tmp_path / "run"
+    choice = {"learners": ["hjb"], "changes": {"learner.width": 4, "learner.memory": 50}}
+    it = _run.Run(resolve("paper", ticks=20, record=False, **choice), out)
+    it.start()
+    it.live()
+    config = out / _run.CONFIG
+    config.write_text(config.read_text().replace('device = "cpu"', 'device = "cuda:99"'))
+    with pytest.raises(EcologyError, match="no device 'cuda:99' here; there is cpu"):
+        _run.opened(out, 30)
+    again = _run.opened(out, 30, "cpu")
+    again.resume()
+    assert again.live()["ticks"] == 30
+    assert 'device = "cpu"' in config.read_text()
+
+
 def test_threads_make_no_difference(monkeypatch) -> None:
     """Twenty agents updated by one thread and by four are bit for bit the same."""
     found = []
     for workers in (1, 4):
-        monkeypatch.setattr(hjb, "WORKERS", workers)
+        monkeypatch.setattr("agents.device.WORKERS", workers)
         learner = learned(SMALL, n=20)
-        assert (learner.threads is None) == (workers == 1)
+        assert isinstance(learner.device, Cpu)
+        assert (learner.device.threads is None) == (workers == 1)
         for _ in range(3):
             learner._update(np.ones(20, bool))
         found.append((learner.f.weights, learner.J.weights, learner.loss_j))

@@ -1,0 +1,318 @@
+"""The f/J learner on a device of torch: all agents in one batch of stacked weights, gradients by autograd.
+
+The same mathematics as `agents.kernels`, whose words it uses. What is large stays on the device; observations and
+masks go in, scores and losses come out, each in one transfer for all agents.
+
+Shapes: a agents, R states of each, D components of zeta, M movements, H hidden units, C place cells.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from agents.device import Device
+from agents.kernels import LONGEST as LIMIT
+from agents.kernels import POLYAK, Brains, Draws, Ring, Senses
+
+ROOM = 2**31  # bytes to work in; agents are taken in parts that fit
+LONGEST = float(LIMIT)  # units of time, of a predicted duration
+BETA1, BETA2, TINY = 0.9, 0.999, 1e-8  # of Adam
+
+
+def there() -> list[str]:
+    """Return the names of the devices of this machine, the CPU first."""
+    cuda = ["cuda", *(f"cuda:{i}" for i in range(torch.cuda.device_count()))] if torch.cuda.is_available() else []
+    return ["cpu", *cuda, *(["mps"] if torch.backends.mps.is_available() else [])]
+
+
+class Torch(Device):
+    """Tensors on the device `name`. Random numbers are the device's own, from a seed that the learner draws."""
+
+    def __init__(self, name: str, senses: Senses) -> None:
+        self.name = torch.device(name)
+        self.generator = torch.Generator(self.name)
+        self.senses: Any = Senses(*(self._known(value) for value in senses))
+        size = len(senses.low)
+        self.can = torch.zeros(size, dtype=torch.bool, device=self.name)
+        self.can[self.senses.deprivable] = True
+        self.mix = torch.zeros(size, size, device=self.name)
+        self.mix[self.senses.mix_from, self.senses.mix_to] = self.senses.mix_weight
+
+    def _known(self, value: Any) -> Any:
+        """Return one of `Senses` as torch takes it."""
+        if isinstance(value, np.ndarray):
+            return self.on(value)
+        return value.item() if isinstance(value, np.generic) else value
+
+    def on(self, array: np.ndarray) -> Tensor:  # noqa: D102
+        kind = torch.float32 if array.dtype == np.float64 else None  # mps has no float64
+        return torch.tensor(array, dtype=kind, device=self.name)
+
+    def off(self, array: Tensor) -> np.ndarray:  # noqa: D102
+        return array.cpu().numpy()
+
+    def zeros(self, shape: tuple[int, ...], kind: type) -> Tensor:  # noqa: D102
+        return torch.zeros(shape, dtype=torch.from_numpy(np.empty(0, kind)).dtype, device=self.name)
+
+    def uniform(self, generator: np.random.Generator, shape: tuple[int, ...]) -> Tensor:  # noqa: D102
+        self.generator.manual_seed(int(generator.integers(2**62)))
+        return torch.rand(shape, generator=self.generator, device=self.name)
+
+    def normal(self, generator: np.random.Generator, shape: tuple[int, ...]) -> Tensor:  # noqa: D102
+        self.generator.manual_seed(int(generator.integers(2**62)))
+        return torch.randn(shape, generator=self.generator, device=self.name)
+
+    # ---- what all agents share ----------------------------------------------------------------
+
+    def _drive(self, zeta: Tensor) -> Tensor:
+        """Return d at zeta (..., D)."""
+        s = self.senses
+        total = (zeta @ self.mix).square().sum(-1) + s.epsilon
+        return (total.sqrt() if s.exponent == 1 else total ** (s.exponent / 2)) + zeta @ s.felt
+
+    def _features(self, zeta: Tensor, centres: Tensor, cells: Tensor) -> Tensor:
+        """Return the network inputs (a, R, I) of zeta (a, R, D): plain, cosine and sine, place cells."""
+        s = self.senses
+        angle = zeta[..., s.angle]
+        parts = [((zeta - s.centre) * s.inverse)[..., s.plain], angle.cos(), angle.sin()]
+        count = centres.shape[-1]
+        if count:
+            gap = zeta[..., s.place, None] - centres[:, None]  # (a, R, 2, C)
+            bump = torch.exp((-0.5 * s.sharp * gap.square().sum(2)).clamp(min=-30.0))
+            known = torch.arange(count, device=self.name) < cells[:, None]
+            parts.append(torch.where(known[:, None], bump, 0.0))
+        return torch.cat(parts, -1)
+
+    def _layers(self, rows: Tensor, inputs: int) -> list[Tensor]:
+        """Return w1, b1, w2, b2, w3, b3 as views of weights (a, P)."""
+        a, width = len(rows), self.senses.width
+        outputs = (rows.shape[1] - (inputs + width + 2) * width) // (width + 1)
+        sizes = [inputs * width, width, width * width, width, outputs * width, outputs]
+        shapes = [(a, inputs, width), (a, 1, width), (a, width, width), (a, 1, width), (a, outputs, width), (a, 1, -1)]
+        return [part.view(shape) for part, shape in zip(rows.split(sizes, 1), shapes, strict=True)]
+
+    @staticmethod
+    def _outputs(x: Tensor, layers: list[Tensor], activation: Any) -> Tensor:
+        """Return the outputs (a, R, O) of networks at inputs x (a, R, I)."""
+        w1, b1, w2, b2, w3, b3 = layers
+        hidden = activation(torch.baddbmm(b1, x, w1))
+        hidden = activation(torch.baddbmm(b2, hidden, w2))
+        return torch.baddbmm(b3, hidden, w3.transpose(1, 2))
+
+    def _f(self, zeta: Tensor, layers: list[Tensor], centres: Tensor, cells: Tensor) -> Tensor:
+        """Return f of all movements (a, R, M, D + 1), in its units."""
+        raw = self._outputs(self._features(zeta, centres, cells), layers, functional.relu)
+        return raw.unflatten(2, (self.senses.movements, -1))
+
+    def _J(self, zeta: Tensor, layers: list[Tensor], centres: Tensor, cells: Tensor) -> Tensor:  # noqa: N802
+        """Return Jn (a, R), in drive units."""
+        raw = self._outputs(self._features(zeta, centres, cells), layers, functional.silu)
+        return self.senses.centre_j + self.senses.spread_j * raw[..., 0]
+
+    def _slope(self, zeta: Tensor, layers: list[Tensor], centres: Tensor, cells: Tensor, *, graph: bool) -> Tensor:
+        """Return dJn/dzeta (a, R, D), with `graph` differentiable in the weights."""
+        with torch.enable_grad():
+            at = zeta.detach().requires_grad_()
+            return torch.autograd.grad(self._J(at, layers, centres, cells).sum(), at, create_graph=graph)[0]
+
+    def _changes(self, zeta: Tensor, layers: list[Tensor], centres: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what f predicts: changes (a, R, M, D), durations (a, R, M)."""
+        found = self._f(zeta, layers, centres, cells) * self.senses.unit
+        return found[..., :-1], found[..., -1].clamp(self.senses.dt, LONGEST)
+
+    def _table(self, zeta: Tensor, open_: Tensor, f: list[Tensor], j: list[Tensor], *where: Tensor) -> Tensor:
+        """Return the HJB score (a, R, M) of the open movements at zeta (a, R, D), infinity elsewhere."""
+        s = self.senses
+        change, tau = self._changes(zeta, f, *where)
+        if s.finite:
+            ahead = (zeta[:, :, None] + change).clamp(s.low, s.high)
+            keep = torch.exp(tau * s.log_gamma)
+            ends = 0.5 * (self._drive(zeta)[..., None] + self._drive(ahead))
+            score = (1 - keep) * ends + keep * self._J(ahead.flatten(1, 2), j, *where).view_as(keep)
+        else:
+            rate = change / tau[..., None]
+            climb = (self._slope(zeta, j, *where, graph=False)[:, :, None] * rate).sum(-1)
+            score = self._drive(zeta[:, :, None] + rate * s.dt) - climb / s.log_gamma
+        return score.masked_fill(~open_, math.inf)
+
+    # ---- acting -------------------------------------------------------------------------------
+
+    @torch.no_grad()
+    def scores(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:  # noqa: D102
+        at, states, options = self.on(slots), self.on(zeta)[:, None], self.on(open_)[:, None]
+        found = []
+        for part in self._parts(len(slots), brains, 1):
+            who = at[part]
+            centres, cells = brains.cell_centre[who], brains.cell_count[who]
+            f, j = (self._layers(rows[who], self._inputs(brains)) for rows in (brains.f, brains.J))
+            found.append(self._table(states[part], options[part], f, j, centres, cells)[:, 0])
+        return self.off(torch.cat(found))
+
+    def _inputs(self, brains: Brains) -> int:
+        return len(self.senses.plain) + 2 * len(self.senses.angle) + brains.cell_centre.shape[2]
+
+    def _parts(self, count: int, brains: Brains, states: int) -> list[slice]:
+        """Return slices of `count` agents, each of a size whose work on `states` states fits into the room."""
+        s = self.senses
+        ahead = states * s.movements * (2 * self._inputs(brains) + 4 * s.width + 6 * len(s.low))
+        size = max(1, ROOM // (4 * (ahead + 3 * brains.f.shape[1] + 3 * brains.J.shape[1])))
+        return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+    # ---- learning -----------------------------------------------------------------------------
+
+    @torch.no_grad()
+    def update(  # noqa: D102
+        self,
+        brains: Brains,
+        ring: Ring,
+        draws: Draws,
+        ready: np.ndarray,
+        rate: np.ndarray,
+        loss_f: np.ndarray,
+        loss_j: np.ndarray,
+    ) -> None:
+        learns, pace, lived = self.on(ready), self.on(rate), self.on(ring.lived)
+        found = [
+            self._step(
+                Brains(*(array[part] for array in brains)),
+                Ring(*(array[part] for array in ring._replace(lived=lived))),
+                draws._replace(uniform=draws.uniform[part], normal=draws.normal[part]),
+                learns[part, None],
+                pace[part, None],
+            )
+            for part in self._parts(len(ready), brains, max(draws.batch, draws.batch_f))
+        ]
+        losses = self.off(torch.cat(found, 1))
+        loss_f[ready], loss_j[ready] = losses[0, ready], losses[1, ready]
+
+    def _step(self, own: Brains, ring: Ring, draws: Draws, learns: Tensor, rate: Tensor) -> Tensor:
+        """Take one step on L_f and L_J for a agents, all views of what the device holds; return both losses (2, a)."""
+        s, b, bf = self.senses, draws.batch, draws.batch_f
+        inputs, where = self._inputs(own), (own.cell_centre, own.cell_count)
+        f, target = self._layers(own.f, inputs), self._layers(own.target, inputs)
+
+        # f
+        at = self._positions(ring, draws.uniform[:, b : b + bf], draws.late_f, draws.recent)
+        zeta, after, movement = (self._picked(array, at) for array in (ring.zeta, ring.after, ring.movement))
+        goal = torch.cat([self._change(zeta, after), self._picked(ring.duration, at)[..., None].clamp(max=LONGEST)], -1)
+        leaves = [layer.detach().requires_grad_() for layer in f]
+        with torch.enable_grad():
+            found = self._executed(self._f(zeta, leaves, *where), movement)
+            loss_f = _mean((found - goal / s.unit).square().mean(-1), movement >= 0)
+            loss_f.sum().backward()
+        self._adam(own.f, leaves, own.f_first, own.f_second, own.f_steps, rate, learns)
+
+        # the right-hand side of the equation
+        at = self._positions(ring, draws.uniform[:, :b], draws.late, draws.recent)
+        zeta, after, movement = (self._picked(array, at) for array in (ring.zeta, ring.after, ring.movement))
+        zeta = self._imagined(zeta, draws.uniform[:, b + bf :], draws.normal, draws.imagined)
+        known = torch.ones_like(movement, dtype=torch.bool) if s.minimum else movement >= 0
+        printed = not (s.minimum or s.finite)
+        if printed:
+            change, tau = self._changes(zeta, f, *where)
+            pace = self._executed(change / tau[..., None], movement)
+            goal = self._drive(after)
+        else:
+            did = functional.one_hot(movement.clamp(min=0).long(), s.movements).bool()
+            open_ = self._picked(ring.open, at) if s.minimum else did
+            goal = self._table(zeta, open_, f, target, *where).amin(-1).clamp(0.0, s.ceiling)
+
+        # J
+        leaves = [layer.detach().requires_grad_() for layer in self._layers(own.J, inputs)]
+        with torch.enable_grad():
+            residual = self._J(zeta, leaves, *where) - goal
+            if printed:
+                residual = residual + (self._slope(zeta, leaves, *where, graph=True) * pace).sum(-1) / s.log_gamma
+            if s.weight_top > 0:
+                residual = residual * s.weight_top / (s.weight_floor + self._drive(zeta))
+            loss_j = _mean(residual.square(), known)
+            loss_j.sum().backward()
+        self._adam(own.J, leaves, own.J_first, own.J_second, own.J_steps, rate, learns)
+        if s.slow:
+            own.target.lerp_(own.J, float(POLYAK) * learns.float())
+        return torch.stack([loss_f.detach(), loss_j.detach()])
+
+    def _positions(self, ring: Ring, uniform: Tensor, late: int, recent: int) -> Tensor:
+        """Return positions in the ring (a, b); the last `late` of them are among the `recent` decisions."""
+        capacity, count = ring.zeta.shape[1], ring.lived[:, None]
+        window = count.clamp(max=capacity).repeat(1, uniform.shape[1])
+        window[:, uniform.shape[1] - late :].clamp_(max=recent)
+        back = torch.minimum((uniform * window).long(), window - 1).clamp(min=0)
+        return (count - 1 - back) % capacity
+
+    @staticmethod
+    def _picked(array: Tensor, at: Tensor) -> Tensor:
+        """Return the rows (a, b, ...) at positions (a, b) of an array (a, capacity, ...)."""
+        return array[torch.arange(len(at), device=at.device)[:, None], at]
+
+    def _executed(self, table: Tensor, movement: Tensor) -> Tensor:
+        """Return of a table (a, R, M, k) the rows (a, R, k) of the movements executed (a, R)."""
+        which = movement.clamp(min=0).long()[..., None, None].expand(-1, -1, 1, table.shape[-1])
+        return table.gather(2, which)[:, :, 0]
+
+    def _change(self, zeta: Tensor, after: Tensor) -> Tensor:
+        """Return the change (..., D) from zeta to after, that of an angle between -pi and pi."""
+        change = after - zeta
+        turned = change[..., self.senses.angle]
+        change[..., self.senses.angle] = torch.atan2(turned.sin(), turned.cos())
+        return change
+
+    def _imagined(self, zeta: Tensor, uniform: Tensor, normal: Tensor, m: int) -> Tensor:
+        """Return zeta with the needs of the first m states redrawn, as `kernels.imagine` does."""
+        if not m:
+            return zeta
+        s, parts, half = self.senses, zeta.shape[-1], m // 2
+        fresh = uniform[:, : m * parts].unflatten(1, (m, parts))
+        calm = uniform[:, m * parts : m * parts + m, None]
+        bottom = (s.deprived * s.scale).maximum(s.low)
+        drawn = bottom + fresh * (s.sated * s.scale - bottom)
+        if half and len(s.deprivable):
+            which = (uniform[:, m * parts + m : m * parts + m + half] * len(s.deprivable)).long()
+            one = s.deprivable[which.clamp(max=len(s.deprivable) - 1)]  # (a, half)
+            alone = torch.arange(parts, device=self.name) == one[..., None]
+            drawn[:, :half] = torch.where(alone, drawn[:, :half], 0.1 * s.scale * normal)
+        drawn = torch.where(self.can, drawn, zeta[:, :m] * calm).clamp(s.low, s.high)
+        return torch.cat([torch.where(s.need, drawn, zeta[:, :m]), zeta[:, m:]], 1)
+
+    @staticmethod
+    def _adam(
+        w: Tensor, leaves: list[Tensor], first: Tensor, second: Tensor, steps: Tensor, rate: Tensor, learns: Tensor
+    ) -> None:
+        """Move the weights (a, P) of those that learn (a, 1) by one step of Adam, in place."""
+        gradient = torch.cat([leaf.grad.flatten(1) for leaf in leaves if leaf.grad is not None], 1)
+        on = learns.float()
+        steps += learns[:, 0]
+        taken = steps[:, None].clamp(min=1).float()
+        correction = (-torch.expm1(taken * math.log(BETA2))).sqrt()
+        size = rate * on * correction / -torch.expm1(taken * math.log(BETA1))
+        first.lerp_(gradient, (1 - BETA1) * on)
+        second.lerp_(gradient.square_(), (1 - BETA2) * on)
+        w.sub_(first / (second.sqrt() + TINY * correction) * size)
+
+    # ---- what others may see ------------------------------------------------------------------
+
+    def _of(self, rows: Tensor, brains: Brains, slot: int, zeta: np.ndarray) -> tuple[Any, ...]:
+        """Return zeta, layers, place cells and their number of one agent, as a batch of one."""
+        one = slice(slot, slot + 1)
+        layers = self._layers(rows[one], self._inputs(brains))
+        return self.on(zeta)[None], layers, brains.cell_centre[one], brains.cell_count[one]
+
+    def value(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:  # noqa: D102
+        return self.off(self._J(*self._of(brains.J, brains, slot, zeta))[0])
+
+    def slope(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:  # noqa: D102
+        return self.off(self._slope(*self._of(brains.J, brains, slot, zeta), graph=False)[0])
+
+    def forecast(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:  # noqa: D102
+        return self.off(self._f(*self._of(brains.f, brains, slot, zeta))[0].flatten(1))
+
+
+def _mean(errors: Tensor, known: Tensor) -> Tensor:
+    """Return the mean (a,) of the errors (a, R) that are known."""
+    return (errors * known).sum(1) / known.sum(1).clamp(min=1)
