@@ -67,7 +67,7 @@ class HJBSettings:
     recent_share: float = 0.4  # of the batch, from the last `recent` decisions
     recent: int = 300
     memory: int = 12_000  # decisions
-    update_every: float = 2.0  # units of time between gradient steps
+    update_every: float = 4.0  # units of time between gradient steps
     place_cells: int = 64  # Gaussian bumps of position, recruited where the agent has been; 0: none
     place_spacing: float = 0.75  # length between centres
     place_width: float = 0.6  # length, standard deviation of a bump

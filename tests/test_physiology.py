@@ -149,8 +149,11 @@ def test_the_reward_telescopes():
     """The rewards of a life add up to the drive at its start minus the drive at its end."""
     for name in scenarios.names():
         env = ecology.parallel_env(scenarios.load(name))
+        if env.open_population:
+            continue  # a slot holds more than one life
         tick = env.reset_arrays(seed=1)
         first, rng, total = tick.drive.copy(), np.random.default_rng(1), np.zeros(env.size)
+        moved = 0.0
         for _ in range(300):
             actions = np.zeros(env.size, np.int64)
             for group in env.groups.values():
@@ -158,8 +161,9 @@ def test_the_reward_telescopes():
                 actions[group.slots] = np.argmax(rng.random(mask.shape) * mask, axis=1)
             tick = env.step_arrays(actions)
             total += tick.reward
+            moved += np.abs(tick.reward).sum()
         assert np.allclose(total, first - tick.drive, rtol=0, atol=1e-10), name
-        assert np.abs(total).max() > 0.01
+        assert moved > 0.01, name
 
 
 def test_the_drive_is_the_length_of_the_deviation():
