@@ -185,6 +185,8 @@ def _aside(dx: float, dy: float, d: float, heading: float, cos: float, sin: floa
 
     The angle itself is worked out only near the `edge`, cos(half), where rounding could decide.
     """
+    if half >= math.pi:
+        return False
     ahead = dx * cos + dy * sin
     if ahead > (edge + 1e-9) * d:
         return False
@@ -224,9 +226,7 @@ def in_view(
         for p in range(starts[i], starts[i + 1]):
             if distance[p] > range_[i]:
                 break
-            if half_angle[i] < math.pi and _aside(
-                gap[p, 0], gap[p, 1], distance[p], heading[i], cos, sin, half_angle[i], edge
-            ):
+            if _aside(gap[p, 0], gap[p, 1], distance[p], heading[i], cos, sin, half_angle[i], edge):
                 continue
             seen[p] = not _hidden(position[i], position[other[p]], wall_from, wall_along, near, walls)
     return seen
@@ -284,21 +284,23 @@ def around(
     inside, seen = np.zeros((n, count), np.bool_), np.zeros((n, count), np.bool_)
     here, toward, glimpse = np.full((n, kinds), -1), np.full((n, kinds), -1), np.full((n, kinds), -1)
     near, far, any_ = np.empty(kinds), np.empty(kinds), np.empty(kinds)
+    near_walls = np.empty(len(wall_from), np.int64)
     for i in range(n):
         if not alive[i]:
             continue
         near[:], far[:], any_[:] = np.inf, np.inf, np.inf
+        cos, sin, edge = math.cos(heading[i]), math.sin(heading[i]), math.cos(half_angle[i])
+        walls = 0 if open_ else _near_walls(position[i], range_[i], wall_from, wall_along, near_walls)
         for r in range(count):
             dx = _way(position[i, 0], patches[r, 0], size[0], torus)
             dy = _way(position[i, 1], patches[r, 1], size[1], torus)
             d = math.sqrt(dx * dx + dy * dy)
             within = d <= reach[r]
             sees = looks[i] and d <= range_[i]
-            if sees and half_angle[i] < math.pi:
-                turn = math.atan2(dy, dx) - heading[i]
-                sees = abs((turn + math.pi) % (2 * math.pi) - math.pi) <= half_angle[i] + 1e-12
-            if sees and not open_:
-                sees = clear_lines(position[i : i + 1], patches[r : r + 1], wall_from, wall_along)[0]
+            if sees:
+                sees = not _aside(dx, dy, d, heading[i], cos, sin, half_angle[i], edge)
+            if sees:
+                sees = not _hidden(position[i], patches[r], wall_from, wall_along, near_walls, walls)
             inside[i, r], seen[i, r] = within, sees
             bound = bound_for[i] == r
             if bound and within:
@@ -408,9 +410,7 @@ def nearest_seen(
             j = other[p]
             if not wanted[species_of[j]]:
                 continue
-            if half_angle[i] < math.pi and _aside(
-                gap[p, 0], gap[p, 1], distance[p], heading[i], cos, sin, half_angle[i], edge
-            ):
+            if _aside(gap[p, 0], gap[p, 1], distance[p], heading[i], cos, sin, half_angle[i], edge):
                 continue
             if _hidden(position[i], position[j], wall_from, wall_along, near, walls):
                 continue
