@@ -46,7 +46,6 @@ class Tally:
         self.tick = 0
         self._seconds = 0.0  # of wall time, before it last began
         self._began: float | None = None
-        self.deaths = 0
         self.births = 0
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
@@ -74,7 +73,6 @@ class Tally:
             for i, group in enumerate(self._groups.values()):
                 causes = state.cause[group.slots][tick.died[group.slots]]
                 self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
-        self.deaths = int(self.causes.sum())
         self.births += int(np.count_nonzero(tick.born))
         self.closed, self.returned = int(state.closed.sum()), state.returned
 
@@ -117,14 +115,14 @@ class Tally:
             "mean_abs_deviation": needs,
             "action_shares": shares,
             "population": population,
-            "deaths": self.deaths,
+            "deaths": int(self.causes.sum()),
             "births": self.births,
             "closed_actions": self.closed,
             "bodies_put_back": self.returned,
         }
 
     ARRAYS = ("drive", "living", "causes", "delta", "lived", "actions")
-    VALUES = ("tick", "deaths", "births", "closed", "returned")
+    VALUES = ("tick", "births", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the sums: arrays, and plain values."""

@@ -31,11 +31,7 @@ def test_the_tutorial_builds_predators_and_prey(tmp_path):
     env, rng = Ecology(scenario), np.random.default_rng(0)
     tick, bitten, born = env.reset_arrays(seed=0), 0, 0
     for _ in range(600):
-        actions = np.zeros(env.size, np.int64)
-        for group in env.groups.values():
-            mask = tick.masks[group.name]
-            actions[group.slots] = np.argmax(rng.random(mask.shape) * mask, axis=1)
-        tick = env.step_arrays(actions)
+        tick = env.step_arrays(contract.choose(env, tick, rng))
         bitten += np.count_nonzero(env.state_view.bit >= 0)
         born += np.count_nonzero(tick.born)
     assert bitten > 0
