@@ -16,6 +16,7 @@ from ecology.kernels import inside_polygon
 from ecology.observers.base import Observer
 from ecology.spec import Oscillation
 from ecology.state import CAUSES
+from scenarios import _faults
 from scenarios._plan import CONFIG, read_config, resolve
 from scenarios._run import CHECKPOINT, KEPT, Run
 
@@ -58,8 +59,8 @@ def fork(
         forked.become(parts)
     except Exception as error:
         raise EcologyError(
-            f"the run cannot go on with these settings ({error}). A fork changes numbers, not what there is in the "
-            "world, nor the shape of a learner."
+            f"the run cannot go on with these settings ({_faults.told(error)}). A fork changes numbers, not what there "
+            "is in the world, nor the shape of a learner."
         ) from error
     return forked
 

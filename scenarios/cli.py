@@ -29,7 +29,7 @@ import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import nearest
 from ecology.observers.base import Mind, Observer
-from scenarios import _run
+from scenarios import _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
 
@@ -51,15 +51,22 @@ app = typer.Typer(
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the command line; a user's error is one message on stderr and exit code 2."""
+    """Run the command line; a user's error is one message on stderr and exit code 2.
+
+    Before the message of an exception in a user's own code stand the frames from there on.
+    """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it; on small networks threads only cost
     try:
         app(args=_spelt(list(sys.argv[1:] if words is None else words)))
-    except EcologyError as error:
-        print(f"ecology: {error}", file=sys.stderr)
-        sys.exit(2)
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
+    except Exception as error:
+        told = error if isinstance(error, EcologyError) else _faults.of(error)
+        if told is None:
+            raise
+        frames = told.frames if isinstance(told, _faults.FaultError) else ""
+        print(f"{frames}ecology: {told}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _spelt(words: list[str]) -> list[str]:
@@ -125,11 +132,14 @@ def check(
     from ecology import contract  # needed by this command only
 
     broken = 0
-    for holds, reason in contract.check(scenarios.load(scenario), ticks):
-        print(f"{'FAIL' if reason else 'pass'}  {holds}", flush=True)
-        if reason:
+    for holds, error in contract.check(scenarios.load(scenario), ticks):
+        fault = None if error is None else _faults.of(error)
+        if fault is not None:
+            raise fault from error
+        print(f"{'FAIL' if error else 'pass'}  {holds}", flush=True)
+        if error:
             broken += 1
-            print(f"      {reason}")
+            print(f"      {contract.reason(error)}")
     if broken:
         print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
         raise typer.Exit(1)
@@ -530,7 +540,7 @@ def sweep(
     for outcome in failed:
         print(f"ecology: the run {outcome.cell.folder} failed: {outcome.failed}", file=sys.stderr)
     if failed:
-        raise typer.Exit(1)
+        raise typer.Exit(max(outcome.code for outcome in failed))
 
 
 def _cpus() -> int:
