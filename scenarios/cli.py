@@ -435,6 +435,9 @@ def fork(
     out: Annotated[Path | None, typer.Option(help="Folder of the fork.  [default: RUN-at-TICK]")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
     keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.  [default: as the run]")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
@@ -442,7 +445,7 @@ def fork(
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(_run.held(run))
-        it = _run.opened(run)
+        it = _run.opened(run, device=device)
         forked = _fork.fork(
             it,
             at,
@@ -451,6 +454,7 @@ def fork(
             remove=remove or (),
             move=dict(map(_place, move or ())),
             ticks=ticks,
+            device=device,
             record=record,
             keep_every=keep_every,
             observers=[] if quiet else [Progress(it.tally, at)],
@@ -651,10 +655,13 @@ def evaluate(
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
     ] = None,
+    device: Annotated[
+        str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where the learner computes.")
+    ] = "cpu",  # one agent at a time: elsewhere it takes longer
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
-    it = _run.opened(run, device="cpu")  # one agent at a time: on another device it would take longer
+    it = _run.opened(run, device=device)
     world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
@@ -684,6 +691,7 @@ def evaluate(
             skip=min(SKIPPED, ticks // 10),
             places=places,
             name=it.plan.learners[learner.group.name].name,
+            device=device,
             home=None if world is it.scenario else it.scenario,
             tell=tell,
         )
@@ -709,7 +717,12 @@ def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[S
 def _say_findings(report: Mapping[str, Any]) -> None:
     """Print an evaluation as tables."""
     console = Console()
-    drives = Table("", "mean drive", "95 % interval", title=f"{report['scenario']}, {report['ticks']:,} ticks")
+    drives = Table(
+        "",
+        "mean drive",
+        "95 % interval",
+        title=f"{report['scenario']}, {report['ticks']:,} ticks, on {report['device']}",
+    )
     known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
     for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
         interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
