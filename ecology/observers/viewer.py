@@ -1,4 +1,4 @@
-"""The Rerun viewer as a process: opened on a recording, attached to a run, or served to a browser.
+"""The Rerun viewer as a process: opened on a recording, or attached to a run.
 
 Every process is bound to the loopback address: whoever reaches a viewer's port can read and write.
 """
@@ -25,18 +25,16 @@ SERVE_PORT, WEB_PORT = 9876, 9090  # the defaults of Rerun
 TIDYING = 300.0  # seconds granted to putting a recording in order
 
 
-def view(run: Path | str) -> None:
-    """Open the recording of a run (its folder or the file) in the viewer, until it is closed.
+def view(run: Path | str, layer: Path | None = None) -> None:
+    """Open the recording of a run (its folder or the file) in the viewer, until it is closed; with it, a `layer`.
 
     A recording that was cut short is opened as far as it goes. Raises EcologyError where there is
     no recording, it is not one, or no viewer can be opened.
     """
-    path = recording_of(Path(run))
-    needs_display(f"copy {str(path)!r} to a machine with a screen and open it there")
-    with tempfile.TemporaryDirectory() as folder:
-        one = whole(path) and not resumed(path).exists()
-        source = path if one else mended(path, Path(folder) / RECORDING)
-        with viewer_process(str(source), "--port", "auto", errors=subprocess.PIPE) as process:
+    needs_display(f"copy {str(recording_of(Path(run)))!r} to a machine with a screen and open it there, or use --serve")
+    with complete(run) as source:
+        shown = [str(path) for path in (source, layer) if path is not None]
+        with viewer_process(*shown, "--port", "auto", errors=subprocess.PIPE) as process:
             try:
                 said = (process.communicate()[1] or b"").decode(errors="replace").strip()
             except KeyboardInterrupt:
@@ -44,17 +42,19 @@ def view(run: Path | str) -> None:
         _started(process.returncode, said)
 
 
+@contextlib.contextmanager
+def complete(run: Path | str) -> Iterator[Path]:
+    """Give the recording of a run (its folder or the file) as one whole file, a copy where it was cut short."""
+    path = recording_of(Path(run))
+    with tempfile.TemporaryDirectory() as folder:
+        one = whole(path) and not resumed(path).exists()
+        yield path if one else mended(path, Path(folder) / RECORDING)
+
+
 def attach(url: str) -> subprocess.Popen[bytes]:
     """Open the viewer on a run that serves at `url` (`RerunObserver.url`); it outlives the run."""
     needs_display("use --serve and look from a browser")
     return _start(url, "--port", "auto", "--expect-data-soon", own_session=True)
-
-
-def serve_browser(url: str, port: int = WEB_PORT) -> tuple[subprocess.Popen[bytes], str]:
-    """Serve the viewer to browsers on this machine; return the process and the address to open."""
-    port = free_port(LOOPBACK, port)
-    process = _start("--serve-web", "--web-viewer-port", str(port), url, own_session=True)
-    return process, f"http://{LOOPBACK}:{port}/?url={urllib.parse.quote(url, safe='')}"
 
 
 def recording_of(run: Path) -> Path:
