@@ -823,7 +823,6 @@ def view(
     from ecology.observers import viewer  # only here is a viewer looked for
 
     with contextlib.ExitStack() as stack:
-        layer = None
         if focus is not None or serve:
             from ecology.observers.hindsight import Hindsight  # slow to load
 
@@ -832,27 +831,29 @@ def view(
                     f"--focus and --serve need the world of a run: there is no {_run.CONFIG} in {str(run)!r}; give "
                     "the folder of the run."
                 )
-            source = stack.enter_context(viewer.complete(run))
             world = resolve(config=read_config(run / _run.CONFIG)).load()
-            past = Hindsight(source, world, run.absolute().name)
-            if focus is not None:
-                layer = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "focus.rrd"
-                layer.write_bytes(past.layer(focus))
+            past = Hindsight(stack.enter_context(viewer.complete(run)), world, run.absolute().name)
+            run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / _run.RECORDING)
         if serve:
             from ecology.observers.page import Page
 
-            files = {path.name: path for path in (source, layer) if path is not None}
-            page = stack.enter_context(contextlib.closing(Page(list(files), past.hear, files=files, dt=world.dt)))
+            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=viewer.WEB_PORT)
+            stack.callback(page.close)
             print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
-                threading.Event().wait()
+                _wait()
         elif screenshot is not None:
             from ecology.observers import rerun  # slow to load
 
-            rerun.screenshot(run, screenshot, tick=tick, layer=layer)
+            rerun.screenshot(run, screenshot, tick=tick)
             print(f"written: {screenshot}")
         else:
-            viewer.view(run, layer)
+            viewer.view(run)
+
+
+def _wait() -> None:
+    """Wait for Ctrl-C."""
+    threading.Event().wait()
 
 
 @app.command()

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from test_observers import TICKS, Wanderer, Witness, column, live, many, one, rerun_observer, told, village
 
-from agents.loop import run
 from ecology import Ecology, EcologyError
 from ecology.observers import census, page, wishes
 from ecology.observers.wishes import Click, Wishes
@@ -32,6 +31,8 @@ GARBAGE = {
     "a tick that is no number": b'{"entity": "/world/agents/prey", "row": 1, "tick": NaN}',
     "too long": b'{"entity": "' + b"x" * 2_000 + b'", "row": 1, "tick": 1}',
 }
+GARBAGE["a huge tick"] = b'{"entity": "/world/agents/prey", "row": 1, "tick": 1' + b"0" * 400 + b"}"
+GARBAGE["far too long"] = b"x" * 50_000
 GOOD = b'{"entity": "/world/agents/prey", "row": 3, "tick": 120.5}'
 
 
@@ -75,6 +76,7 @@ def ask(served, method, path, body=None, **headers):
 
 
 def post(served, body, **headers):
+    """Return the answer to a click."""
     return ask(served, "POST", "/focus", body, **{"X-Token": served.token, **headers})
 
 
@@ -216,7 +218,7 @@ def test_a_click_brings_an_agent_into_focus(tmp_path):
         3: lambda: [kept.click(Click(*other)) for other in others],
         11: lambda: kept.click(Click("/world/agents/prey", row, 8.0)),
     }
-    live(village(1e9), witness, Hands(deeds), rerun_observer(path, every=4, wishes=kept))
+    live(village(1e9), witness, Hands(deeds), rerun_observer(path, every=4, wishes=kept, serve=("127.0.0.1", 0)))
     names = {t: v[0] for t, v in told(path, "/world/focus/prey/name", "Points2D:labels").items()}
     before = {names[tick] for tick in (0, 4, 8)}
     assert f"prey_{row}" not in before
@@ -320,3 +322,137 @@ def test_a_word_brings_an_agent_into_focus(tmp_path, monkeypatch):
     names = {t: v[0] for t, v in told(path, "/world/focus/predator/name", "Points2D:labels").items()}
     assert (names[0], names[10]) == ("predator_12", "predator_13")
     assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
+
+
+# ---- after the fact ----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def lived(tmp_path_factory):
+    """Return a run of the village whose slots are used again: its recording, its states, its end."""
+    path, witness, kept = tmp_path_factory.mktemp("lived") / "recording.rrd", Witness(), Wishes()
+
+    class Weighing(Wanderer):
+        def decision(self, slot, zeta, mask):
+            words = dict.fromkeys(("next_drive", "slope", "sum", "score"), np.zeros(2))
+            return {"names": ("rest", "walk"), "open": np.ones(2, bool), **words, "J": 1.0, "gamma": 0.9,
+                    "error": np.zeros(len(zeta))}  # fmt: skip
+
+    deeds = {40: lambda: kept.click(Click("/world/agents/prey", 7))}
+    env = live(village(), witness, Hands(deeds), rerun_observer(path, every=2, wishes=kept), mind=Weighing, ticks=120)
+    return path, witness, env
+
+
+def hindsight(path):
+    """Return what looks into the recording; rerun is loaded by the tests that use it."""
+    from ecology.observers.hindsight import Hindsight
+
+    return Hindsight(path, village(), "lived")
+
+
+def test_any_life_is_drawn_after_the_fact(lived, tmp_path):
+    """Needs, drive, reward, action and place of any agent are those of its life alone, also in a slot used again."""
+    path, witness, env = lived
+    past, rows = hindsight(path), env.groups["prey"].slots
+    born_late = int(witness.states[120].serial[rows].max())
+    for serial in (1, born_late):
+        when = {t: np.flatnonzero(s.alive[rows] & (s.serial[rows] == serial))
+                for t, s in enumerate(witness.states) if t % 2 == 0}  # fmt: skip
+        when = {t: int(slot[0]) for t, slot in when.items() if slot.size}
+        assert when
+        layer, who = tmp_path / f"{serial}.rrd", f"prey_{serial}"
+        layer.write_bytes(past.layer(who))
+        needs, deviation = (told(layer, f"/chosen/{who}/{word}") for word in ("needs", "deviation"))
+        drive, reward = (told(layer, f"/chosen/{who}/{word}") for word in ("drive", "reward"))
+        places = told(layer, f"/world/chosen/{who}/name", "Points2D:positions")
+        lives = {tick for tick, value in deviation.items() if np.isfinite(value).all()}
+        assert lives == set(when)
+        assert max(deviation) - max(lives) <= 120
+        for tick, slot in when.items():
+            state = witness.states[tick]
+            assert needs[tick][:2] == pytest.approx([state.internal[slot, 0], 2.0], abs=1e-5)
+            assert deviation[tick] == pytest.approx(state.internal[slot, 0] - 2.0, abs=1e-5)
+            living = state.alive[rows]
+            assert drive[tick] == pytest.approx([state.drive[slot], state.drive[rows][living].mean()], abs=1e-5)
+            assert reward[tick][0] == pytest.approx(witness.ticks[tick].reward[slot] if tick else 0.0, abs=1e-5)
+            assert places[tick][0, 0] == pytest.approx(state.position[slot, 0], abs=1e-5)
+        acts = {t: v[0] for t, v in told(layer, f"/chosen/{who}/action", "StateChange:state").items()}
+        shown = ""
+        for tick in sorted(when):
+            shown = acts.get(tick, shown)
+            after = tick and witness.states[tick].action[when[tick]]
+            assert shown == (env.groups["prey"].actions[after] if tick else "")
+        if max(when) < 120:
+            assert acts[max(when) + 2] == ""
+
+
+def test_what_was_not_recorded_is_said(lived, tmp_path):
+    """What an agent weighed is shown where it was in focus; elsewhere its panel says that it was not."""
+    path, _, _ = lived
+    layer = tmp_path / "layer.rrd"
+    names = {t: v[0] for t, v in told(path, "/world/focus/prey/name", "Points2D:labels").items()}
+    seen = sorted(tick for tick, name in names.items() if name == "prey_7")
+    assert seen[0] == 40
+    layer.write_bytes(hindsight(path).layer("prey_7"))
+    texts = {t: v[0] for t, v in told(layer, "/chosen/prey_7/decision", "TextDocument:text").items()}
+    assert "was not in focus here" in texts[0]
+    assert "ticks 40 to" in texts[0]
+    assert "movement" in texts[40]
+    assert sorted(texts)[:2] == [0, 40]
+
+
+def test_a_recording_is_shown_with_another_focus(lived, tmp_path):
+    """The file that is shown holds all that the recording does, the life, and one layout that shows it first."""
+    from rerun.chunk import RrdReader
+
+    path, _, _ = lived
+    before = path.read_bytes()
+    shown = hindsight(path).shown("predator_13", tmp_path / "shown.rrd")
+    assert path.read_bytes() == before
+    reader = RrdReader(str(shown))
+    assert len(reader.recordings()) == 1
+    assert len(reader.blueprints()) == 1
+    assert reader.recordings()[0].recording_id == RrdReader(str(path)).recordings()[0].recording_id
+    there = {chunk.entity_path for chunk in reader.stream()}
+    assert there >= {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
+    assert {"/chosen/predator_13/needs", "/world/chosen/predator_13"} <= there
+    layout = reader.stream(store=reader.blueprints()[0])
+    words = " ".join(str(column) for chunk in layout for column in chunk.to_record_batch().columns)
+    assert "view field of predator_13" in words
+    assert "/chosen/predator_13/needs" in words
+    assert "/focus/prey/needs" in words
+
+
+def test_a_click_after_the_fact_means_who_was_there(lived):
+    """The one that had the slot at the tick that was shown; nobody of what is no agent; nobody unknown."""
+    path, witness, env = lived
+    past, rows = hindsight(path), env.groups["prey"].slots
+    first, last = witness.states[0].serial[rows], witness.states[120].serial[rows]
+    row = int(np.flatnonzero(first != last)[0])
+    assert past.who(Click("/world/agents/prey", row, 0.0)) == f"prey_{first[row]}"
+    assert past.who(Click("/world/agents/prey", row, 121.0)) == f"prey_{last[row]}"
+    assert past.who(Click("/world/agents/prey", row)) == f"prey_{last[row]}"
+    assert past.who(Click("/world/agents/prey", row, -5.0)) == f"prey_{first[row]}"
+    for entity, at in (("/world/walls", 0), ("/world/agents/prey", 99), ("/world/agents/wolf", 0)):
+        assert past.hear(Click(entity, at, 10.0)) is None
+    assert past.hear(Click("/world/agents/prey", row, 10.0))[:3] == b"RRF"
+    for word in ("prey_999", "wolf", "prey_", "hungriest", "prey_x"):
+        with pytest.raises(EcologyError, match="focus"):
+            past.layer(word)
+
+
+def test_a_drive_is_read_off_its_colour(tmp_path):
+    """Where drives were not recorded their colour tells them, to a step of the scale, and there is no reward."""
+    witness, path = Witness(), tmp_path / "recording.rrd"
+    live(village(1e9), witness, rerun_observer(path, every=5, detail="lean"))
+    past = hindsight(path)
+    layer = tmp_path / "layer.rrd"
+    layer.write_bytes(past.layer("prey_2"))
+    from ecology.observers import colours, rerun
+
+    step = colours.highest_drive(village()) / (rerun.STEPS - 1)
+    drive = told(layer, "/chosen/prey_2/drive")
+    for tick in (0, 5, 10):
+        if witness.states[tick].alive[2]:
+            assert drive[tick][0] == pytest.approx(min(witness.states[tick].drive[2], 63 * step), abs=step / 2 + 1e-6)
+    assert not told(layer, "/chosen/prey_2/reward")

@@ -4,7 +4,7 @@ Bodies are recorded all, a row per slot: their places, headings, variables, acti
 the agent in focus shows, its decision and its lines of sight, was recorded for whoever that was, and
 is said to be missing of others. The life is drawn as a layer: a small recording of the same identity
 with entities of its own (chosen/AGENT, world/chosen/AGENT) and a layout, which viewers add to the
-recording; that is left as it is.
+recording. Of several layouts in a file one is shown by chance, so the recording's own is left out.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from rerun.chunk import RrdReader
 from ecology.env import Ecology
 from ecology.observers import colours, maps, rerun, shapes
 from ecology.observers.census import HUNGRIEST, Life, without_functions
+from ecology.observers.viewer import merged
 from ecology.observers.wishes import AGENTS, Click
 from ecology.scenario import Scenario
 from ecology.spec import require
@@ -78,20 +79,29 @@ class Hindsight:
         name = self.who(click)
         return None if name is None else self.layer(name)
 
-    def layer(self, word: str) -> bytes:
+    def shown(self, word: str | None, target: Path) -> Path:
+        """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
+        with tempfile.TemporaryDirectory() as folder:
+            bare, layer = Path(folder) / "bare.rrd", Path(folder) / "layer.rrd"
+            stream = RrdReader(str(self._path)).stream()
+            stream.write_rrd(str(bare), application_id=self._scene.application, recording_id=self._identity)
+            layer.write_bytes(self.layer(word))
+            return merged([bare, layer], target)
+
+    def layer(self, word: str | None = None) -> bytes:
         """Return the layer, a recording, that shows an agent by name, or first the focus of a species.
 
         Raises EcologyError for a name that the recording does not hold.
         """
-        species, serial = self._meant(word)
-        chosen = {} if serial is None else {species: f"{species}_{serial}"}
+        species, serial = (None, None) if word is None else self._meant(word)
+        chosen = {} if species is None or serial is None else {species: f"{species}_{serial}"}
         scene = dataclasses.replace(self._scene, first=species, chosen=chosen, _acted={})
         with self._lock, tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "layer.rrd"
             rec = rr.RecordingStream(scene.application, recording_id=self._identity, send_properties=False)
             rec.set_sinks(rr.FileSink(str(path)))
             rec.set_log_time_enabled(False)
-            if serial is not None:
+            if species is not None and serial is not None:
                 self._draw(rec, scene, species, serial)
             rec.send_blueprint(scene.blueprint())
             rec.flush()
@@ -156,7 +166,7 @@ class Hindsight:
         )
         scene.open_life(rec, name, species)
         scene.draw_life(rec, name, species, life)
-        if scene.decides[name]:
+        if scene.decides[name] and lives.any():
             self._decided(rec, name, who, ticks[row[lives]])
 
     def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray) -> None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hmac
 import json
-import math
+import logging
 import secrets
 import shutil
 import tempfile
@@ -34,7 +34,7 @@ from ecology.observers.wishes import AGENTS, Click
 HTML = Path(__file__).with_name("page.html")
 VIEWER = ("re_viewer.js", "re_viewer_bg.wasm")
 TYPES = {".js": "text/javascript", ".wasm": "application/wasm", ".html": "text/html; charset=utf-8"}
-LONGEST = 1_024  # bytes of a click
+LONGEST, DRAINED = 1_024, 65_536  # bytes of a click, and of anything that is read
 PATIENCE = 10.0  # seconds granted to a browser that is slow, and to the start of Rerun's server
 HOSTS = (LOOPBACK, "localhost")
 
@@ -60,7 +60,11 @@ class Page:
         self.port = free_port(LOOPBACK, port)
         self.token = secrets.token_urlsafe(32)
         self._folder = tempfile.TemporaryDirectory()
-        viewer = _viewer_files(Path(self._folder.name))
+        try:
+            viewer = _viewer_files(Path(self._folder.name))
+        except BaseException:
+            self._folder.cleanup()
+            raise
         told = json.dumps({"token": self.token, "sources": list(sources), "agents": f"{AGENTS}/", "dt": dt})
         page = HTML.read_text(encoding="utf-8").replace("SETTINGS", told.replace("<", "\\u003c"), 1).encode()
         runs = " ".join(f"http://{urlsplit(source).netloc}" for source in sources if "://" in source)
@@ -71,7 +75,7 @@ class Page:
         answers = {f"/{path.name}": path for path in viewer} | {f"/{n}": path for n, path in (files or {}).items()}
         handler = type("Served", (_Handler,), {"page": page, "files": answers, "token": self.token,
                                                "policy": policy, "hear": staticmethod(hear)})  # fmt: skip
-        self._server = ThreadingHTTPServer((LOOPBACK, self.port), handler)
+        self._server = _Server((LOOPBACK, self.port), handler)
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
@@ -86,6 +90,14 @@ class Page:
         self._server.server_close()
         self._thread.join()
         self._folder.cleanup()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Keep from the terminal, which is the run's, that a browser went away."""
+        logging.getLogger("ecology").debug("a request of %s failed", client_address, exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -111,6 +123,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:
+        body = self._body()  # read whatever it is: a connection closed before would hide the answer
         origin = self.headers.get("Origin")
         token = self.headers.get("X-Token", "")
         ours = self._ours() and origin in (None, f"http://{self.headers.get('Host')}")
@@ -118,7 +131,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.FORBIDDEN)
         elif urlsplit(self.path).path != "/focus":
             self._send(HTTPStatus.NOT_FOUND)
-        elif (click := self._click()) is None:
+        elif (click := parsed(body)) is None:
             self._send(HTTPStatus.BAD_REQUEST)
         elif layer := self.hear(click):
             self._send(HTTPStatus.OK, layer)
@@ -132,15 +145,15 @@ class _Handler(BaseHTTPRequestHandler):
         except ValueError:
             return False
 
-    def _click(self) -> Click | None:
-        """Return the click that was sent, None where it is not one."""
+    def _body(self) -> bytes:
+        """Return what was sent, cut off where it is longer than a click can be."""
         length = self.headers.get("Content-Length", "")
-        if not (length.isascii() and length.isdecimal()) or not 0 < int(length[:9]) <= LONGEST or len(length) > 9:
-            return None
+        if not (length.isascii() and length.isdecimal()) or len(length) > len(str(DRAINED)):
+            return b""
         try:
-            return parsed(json.loads(self.rfile.read(int(length))))
-        except (ValueError, RecursionError, OSError):
-            return None
+            return self.rfile.read(min(int(length), DRAINED))[: LONGEST + 1]
+        except OSError:
+            return b""
 
     def _send(self, status: HTTPStatus, body: bytes = b"", kind: str | None = None) -> None:
         self._head(status, len(body), kind)
@@ -161,12 +174,16 @@ class _Handler(BaseHTTPRequestHandler):
         """Say nothing: the terminal is the run's."""
 
 
-def parsed(told: Any) -> Click | None:
-    """Return the click that JSON holds, None where it holds anything else."""
+def parsed(body: bytes) -> Click | None:
+    """Return the click that a body says, None where it says anything else."""
+    try:
+        told = json.loads(body) if len(body) <= LONGEST else None
+    except (ValueError, RecursionError):
+        return None
     if not isinstance(told, dict) or set(told) != {"entity", "row", "tick"}:
         return None
     entity, row, tick = told["entity"], told["row"], told["tick"]
-    known = tick is None or (type(tick) in (int, float) and math.isfinite(tick))
+    known = tick is None or (type(tick) in (int, float) and abs(tick) < 2**53)
     if not isinstance(entity, str) or type(row) is not int or not 0 <= row < 2**31 or not known:
         return None
     return Click(entity, row, tick)

@@ -224,7 +224,7 @@ class RerunObserver:
         words = [name for click in self._wishes.clicks() if (name := self._focus.clicked(self._env, click))]
         for word in words:
             self._focus.turn(self._env, word)
-        if asked := self._wishes.word():
+        if (asked := self._wishes.word()) is not None:
             try:
                 self._focus.turn(self._env, asked)
                 self._wishes.answer(asked, f"{asked} is in focus from tick {state.tick} on", done=True)
@@ -232,7 +232,9 @@ class RerunObserver:
             except EcologyError as error:
                 self._wishes.answer(asked, str(error), done=False)
         if self._focus.first != self._scene.first:
-            self._show("lay_out", self._focus.first)
+            self._scene.first = self._focus.first
+            if self._port or self._relay:  # a file alone keeps its first layout
+                self._show("lay_out", self._scene.first)
         return bool(words)
 
     def flush(self) -> None:
@@ -1019,8 +1021,8 @@ class Scene:
 
     # ---- the first screen ------------------------------------------------------------------
 
-    def lay_out(self, rec: rr.RecordingStream, first: str) -> None:
-        """Show the life of the species `first` from now on."""
+    def lay_out(self, rec: rr.RecordingStream, first: str | None) -> None:
+        """Show the life of the species `first` first from now on."""
         self.first = first
         rec.send_blueprint(self.blueprint())
 
@@ -1543,14 +1545,9 @@ def _latest(column: Mapping[int, Any], tick: int) -> Any:
 
 
 def screenshot(
-    run: Path | str,
-    picture: Path | str,
-    *,
-    tick: int | None = None,
-    layer: Path | None = None,
-    size: tuple[int, int] = (1600, 900),
+    run: Path | str, picture: Path | str, *, tick: int | None = None, size: tuple[int, int] = (1600, 900)
 ) -> None:
-    """Save what a viewer shows of a run (its folder or recording), and a `layer`, as a new PNG file, without a screen.
+    """Save what a viewer shows of a run (its folder or recording) as a new PNG file, without a screen.
 
     `tick`: where the cursor stands, the end when None. `size` in logical points; the picture has
     twice as many pixels each way. Needs a Vulkan driver, a software one (Mesa's lavapipe) will do.
@@ -1564,13 +1561,13 @@ def screenshot(
     require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the screenshot; make it first.")
     with complete(run) as source, tempfile.TemporaryDirectory() as folder:
         shown = Path(folder) / target.name
-        _shoot([path.resolve() for path in (source, layer) if path is not None], shown, tick, size)
+        _shoot(source.resolve(), shown, tick, size)
         with Image.open(shown) as drawn:  # without the window's own bar
             drawn.crop((0, BAR * drawn.width // size[0], drawn.width, drawn.height)).save(target)
 
 
-def _shoot(sources: Sequence[Path], shown: Path, tick: int | None, size: tuple[int, int]) -> None:
-    """Save the window of a viewer on recordings to the file `shown`."""
+def _shoot(source: Path, shown: Path, tick: int | None, size: tuple[int, int]) -> None:
+    """Save the window of a viewer on the recording `source` to the file `shown`."""
     from rerun.experimental import ViewerClient
 
     port, reason = free_port(LOOPBACK, 0), "it stopped at once"
@@ -1583,15 +1580,14 @@ def _shoot(sources: Sequence[Path], shown: Path, tick: int | None, size: tuple[i
                 break
             try:
                 viewer = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{port}/proxy")
-                for source in sources:
-                    viewer.open(str(source))
+                viewer.open(str(source))
                 break
             except Exception as error:
                 viewer, reason = None, str(error)
                 time.sleep(0.5)
         require(
             viewer is not None,
-            f"no viewer could be started to draw {str(sources[0])!r}: {reason}. It needs a Vulkan driver; where there "
+            f"no viewer could be started to draw {str(source)!r}: {reason}. It needs a Vulkan driver; where there "
             "is no GPU, install Mesa's lavapipe.",
         )
         assert viewer is not None
@@ -1603,8 +1599,8 @@ def _shoot(sources: Sequence[Path], shown: Path, tick: int | None, size: tuple[i
             reports = [r for view in viewer.get_state().views for r in view.reports]
             viewer.save_screenshot(str(shown))
         except Exception as error:
-            raise EcologyError(f"the viewer cannot draw {str(sources[0])!r}: {error}.") from error
-    require(not reports, f"the viewer cannot draw all of {str(sources[0])!r}: {reports}.")
+            raise EcologyError(f"the viewer cannot draw {str(source)!r}: {error}.") from error
+    require(not reports, f"the viewer cannot draw all of {str(source)!r}: {reports}.")
 
 
 if __name__ == "__main__":

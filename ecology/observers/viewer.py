@@ -25,16 +25,15 @@ SERVE_PORT, WEB_PORT = 9876, 9090  # the defaults of Rerun
 TIDYING = 300.0  # seconds granted to putting a recording in order
 
 
-def view(run: Path | str, layer: Path | None = None) -> None:
-    """Open the recording of a run (its folder or the file) in the viewer, until it is closed; with it, a `layer`.
+def view(run: Path | str) -> None:
+    """Open the recording of a run (its folder or the file) in the viewer, until it is closed.
 
     A recording that was cut short is opened as far as it goes. Raises EcologyError where there is
     no recording, it is not one, or no viewer can be opened.
     """
     needs_display(f"copy {str(recording_of(Path(run)))!r} to a machine with a screen and open it there, or use --serve")
     with complete(run) as source:
-        shown = [str(path) for path in (source, layer) if path is not None]
-        with viewer_process(*shown, "--port", "auto", errors=subprocess.PIPE) as process:
+        with viewer_process(str(source), "--port", "auto", errors=subprocess.PIPE) as process:
             try:
                 said = (process.communicate()[1] or b"").decode(errors="replace").strip()
             except KeyboardInterrupt:
@@ -101,6 +100,12 @@ def mended(path: Path, target: Path) -> Path:
         _tidied(stretches(path), target),
         f"the recording {str(path)!r} is damaged and nothing of it can be read; record the run again.",
     )
+    return target
+
+
+def merged(parts: Sequence[Path], target: Path) -> Path:
+    """Write recordings of one identity as one to the new file `target`."""
+    require(_tidied(parts, target, "merge"), f"the recording {str(parts[0])!r} cannot be read; record the run again.")
     return target
 
 
@@ -184,10 +189,10 @@ def _started(code: int, said: str) -> None:
     )
 
 
-def _tidied(parts: Sequence[Path], target: Path) -> bool:
-    """Write what can be read of `parts` to `target`, in few large chunks; say whether that was anything."""
+def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
+    """Write what can be read of `parts` to `target`, optimised in few large chunks; say whether that was anything."""
     unfinished = target.with_suffix(".unfinished.rrd")
-    command = [*_viewer(), "rrd", "optimize", *map(str, parts), "-o", str(unfinished)]
+    command = [*_viewer(), "rrd", how, *map(str, parts), "-o", str(unfinished)]
     try:
         done = subprocess.run(command, check=False, capture_output=True, timeout=TIDYING, env=_quiet())
         good = done.returncode == 0 and unfinished.stat().st_size > 0 and whole(unfinished)

@@ -37,9 +37,12 @@ class Wishes:
     """What is wished of one run; `click` may be called from any thread."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Take clicks, and with a `folder` the words that `ask` leaves there."""
+        """Take clicks, and with a `folder` the words that `ask` leaves there from now on."""
         self._clicks: deque[Click] = deque(maxlen=KEPT)
         self._file = None if folder is None else folder / FILE
+        if self._file is not None:
+            with contextlib.suppress(OSError):  # of a run before, whose asker was killed
+                self._file.unlink()
 
     def click(self, click: Click) -> None:
         """Wish for who was clicked."""
