@@ -441,18 +441,27 @@ def test_a_click_after_the_fact_means_who_was_there(lived):
             past.layer(word)
 
 
-def test_a_drive_is_read_off_its_colour(tmp_path):
-    """Where drives were not recorded their colour tells them, to a step of the scale, and there is no reward."""
-    witness, path = Witness(), tmp_path / "recording.rrd"
+def test_a_drive_that_was_not_recorded_is_that_of_its_needs(tmp_path):
+    """Of many, where the internal state alone is recorded, the drive follows from it, and there is no reward."""
+    witness, path, layer = Witness(), tmp_path / "recording.rrd", tmp_path / "layer.rrd"
     live(village(1e9), witness, rerun_observer(path, every=5, detail="lean"))
-    past = hindsight(path)
-    layer = tmp_path / "layer.rrd"
-    layer.write_bytes(past.layer("prey_2"))
-    from ecology.observers import colours, rerun
+    for who, slot in (("prey_2", 2), ("predator_12", 16)):
+        layer.write_bytes(hindsight(path).layer(who))
+        drive = told(layer, f"/chosen/{who}/drive")
+        for tick in (0, 5, 10):
+            assert witness.states[tick].alive[slot]
+            assert drive[tick][0] == pytest.approx(witness.states[tick].own_drive[slot], abs=1e-5)
+        assert not told(layer, f"/chosen/{who}/reward")
 
-    step = colours.highest_drive(village()) / (rerun.STEPS - 1)
-    drive = told(layer, "/chosen/prey_2/drive")
-    for tick in (0, 5, 10):
-        if witness.states[tick].alive[2]:
-            assert drive[tick][0] == pytest.approx(min(witness.states[tick].drive[2], 63 * step), abs=step / 2 + 1e-6)
-    assert not told(layer, "/chosen/prey_2/reward")
+
+def test_one_agent_alone_is_always_in_focus(tmp_path):
+    """Of a world with one agent nothing is drawn twice, and a click changes nothing."""
+    path = tmp_path / "recording.rrd"
+    live(one(), rerun_observer(path, every=5))
+    from ecology.observers.hindsight import Hindsight
+
+    past = Hindsight(path, one(), "alone")
+    assert past.hear(Click("/world/agents/agent", 0)) is None
+    shown = past.shown("agent_0", tmp_path / "shown.rrd")
+    assert told(shown, "/focus/agent/needs").keys() == told(path, "/focus/agent/needs").keys()
+    assert not told(shown, "/chosen/agent_0/needs")

@@ -20,8 +20,9 @@ import pyarrow as pa
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from ecology import physiology
 from ecology.env import Ecology
-from ecology.observers import colours, maps, rerun, shapes
+from ecology.observers import maps, rerun, shapes
 from ecology.observers.census import HUNGRIEST, Life, without_functions
 from ecology.observers.viewer import merged
 from ecology.observers.wishes import AGENTS, Click
@@ -77,7 +78,7 @@ class Hindsight:
     def hear(self, click: Click) -> bytes | None:
         """Return the layer of whom a click means, None of anything else."""
         name = self.who(click)
-        return None if name is None else self.layer(name)
+        return self.layer(name) if name is not None and self._scene.crowd else None
 
     def shown(self, word: str | None, target: Path) -> Path:
         """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
@@ -94,6 +95,8 @@ class Hindsight:
         Raises EcologyError for a name that the recording does not hold.
         """
         species, serial = (None, None) if word is None else self._meant(word)
+        if not self._scene.crowd:  # one agent, which was in focus all the time
+            serial = None
         chosen = {} if species is None or serial is None else {species: f"{species}_{serial}"}
         scene = dataclasses.replace(self._scene, first=species, chosen=chosen, _acted={})
         with self._lock, tempfile.TemporaryDirectory() as folder:
@@ -139,9 +142,9 @@ class Hindsight:
         angle, lives = np.arctan2(way[:, 1], way[:, 0]), np.isfinite(x).all(axis=1) & (serials[row, slot] == serial)
         if scene.full:
             drive, reward = of("drive").astype(float), of("reward").astype(float)
-        else:
-            level = of("Arrows2D:class_ids" if scene.mixed else "Points2D:class_ids").astype(float)
-            drive, reward = level * colours.highest_drive(scene.scenario) / (rerun.STEPS - 1), None
+        else:  # of its own needs
+            delta = np.where([n.regulated for n in species.needs], x - [n.set_point for n in species.needs], 0.0)
+            drive, reward = physiology.drive(delta, species.drive_epsilon, species.drive_exponent), None
         field = [shapes.view_field(species, p, a) if live else np.empty((0, 2))
                  for p, a, live in zip(place, angle, lives, strict=True)]  # fmt: skip
         for value in (x, place, drive, *([] if reward is None else [reward])):

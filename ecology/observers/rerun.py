@@ -1,4 +1,4 @@
-"""The world and its minds in the Rerun viewer, live and as a recording; the only file that imports rerun.
+"""The world and its minds in the Rerun viewer, live and as a recording; what looks back at one is in hindsight.py.
 
 A recording holds one entity per species for its bodies, however many they are, and one agent in
 focus per species whose needs, drive, decision and deviation maps are drawn over time:
@@ -231,7 +231,7 @@ class RerunObserver:
                 words.append(asked)
             except EcologyError as error:
                 self._wishes.answer(asked, str(error), done=False)
-        if self._focus.first != self._scene.first:
+        if self._scene.crowd and self._focus.first != self._scene.first:
             self._scene.first = self._focus.first
             if self._port or self._relay:  # a file alone keeps its first layout
                 self._show("lay_out", self._scene.first)
@@ -1157,8 +1157,10 @@ class Scene:
         who, dt = self._who(name), self.scenario.dt
         at = rrb.TimeRangeBoundary.cursor_relative
         # in ticks, the timeline of the first screen; on sim_time the lane shows the present action alone
-        known = self.full or name not in self.chosen  # after the fact, of many, the colour alone
-        drive = _plot(f"/{self._at(name)}/drive", "drive, whole life" if known else "drive, as its colour, whole life")
+        known = self.full or name not in self.chosen  # after the fact, of many, no rewards, nor what is felt of others
+        feels = self.scenario.species[self.groups[name].index].empathy is not None
+        title = "drive, whole life" if known or not feels else "drive of its own needs, whole life"
+        drive = _plot(f"/{self._at(name)}/drive", title)
         reward = rrb.TimeSeriesView(
             origin=f"/{self._at(name)}/reward",
             name=f"reward, last {STATE_TICKS} ticks",
