@@ -1077,7 +1077,7 @@ class Scene:
             ]
         recent = max(MARK_TICKS, 2 * self.every) if self.few else self.every - 1  # of many, the last sample's alone
         overrides |= {f"world/marks/{kind}": _last(recent, self.scenario.dt) for kind in MARKED}
-        whose = "all" if self.few else "the focus"
+        whose = "all" if self.few else "the focus then" if self.chosen else "the focus"
         what = f"trails of {TRAIL_TICKS} ticks ({whose})" if self.crowd else f"its trail of {TRAIL_TICKS} ticks"
         seen = "view field and lines of sight of the focus"
         shown: list[str] = []
