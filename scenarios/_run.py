@@ -27,6 +27,7 @@ SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics
 EVALUATION, FIGURES = "evaluation.json", "figures"
 KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
 WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+BLOCKS = 2**16  # in which the ticks of a run are summed up: one tick each, then two, four, ...
 LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
 
 
@@ -34,9 +35,13 @@ LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those o
 
 
 class Tally:
-    """Running sums over a run, an observer: what summary.json says."""
+    """Running sums over a run, an observer: what summary.json says.
 
-    def __init__(self, scenario: Scenario, env: Ecology, ticks: int) -> None:
+    What is asked of a stretch of ticks is summed in blocks. Up to `BLOCKS` ticks a block is one tick; when the blocks
+    are full, two become one, so that a life of any length takes the same memory.
+    """
+
+    def __init__(self, scenario: Scenario, env: Ecology) -> None:
         self._scenario, self._groups = scenario, env.groups
         needs = max(len(s.needs) for s in scenario.species)
         self._set_point = np.zeros((env.size, needs))
@@ -49,8 +54,11 @@ class Tally:
         self.births = 0
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
-        self.drive = np.zeros(ticks)  # per tick, summed over the living
-        self.living = np.zeros((ticks, len(env.groups)), np.int64)  # per tick and species
+        self.span = 1  # ticks of a block
+        self.drive = np.zeros(BLOCKS)  # per block, summed over the living
+        self.living = np.zeros((BLOCKS, len(env.groups)), np.int64)  # per block and species, summed over its ticks
+        now = [np.count_nonzero(env.state_view.alive[group.slots]) for group in env.groups.values()]
+        self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
         self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
         self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
         self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
@@ -63,9 +71,16 @@ class Tally:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Add one tick."""
         at, alive = state.tick - 1, tick.alive
+        self.now[:] = [np.count_nonzero(alive[group.slots]) for group in self._groups.values()]
+        if at == 0:
+            self.least[:] = self.most[:] = self.now
+        np.minimum(self.least, self.now, out=self.least)
+        np.maximum(self.most, self.now, out=self.most)
+        if at == BLOCKS * self.span:
+            self._fold()
+        self.drive[at // self.span] += tick.drive @ alive
+        self.living[at // self.span] += self.now
         self.tick = state.tick
-        self.drive[at] = tick.drive @ alive
-        self.living[at] = [np.count_nonzero(alive[group.slots]) for group in self._groups.values()]
         self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
         self.lived += alive
         self.actions[self._row, tick.action] += alive
@@ -75,6 +90,19 @@ class Tally:
                 self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
         self.births += int(np.count_nonzero(tick.born))
         self.closed, self.returned = int(state.closed.sum()), state.returned
+
+    def _fold(self) -> None:
+        """Make one block of two, and room for as many again."""
+        for blocks in (self.drive, self.living):
+            half = BLOCKS // 2
+            blocks[:half] = blocks[::2] + blocks[1::2]
+            blocks[half:] = 0
+        self.span *= 2
+
+    @property
+    def _used(self) -> int:
+        """Return the number of blocks that have begun."""
+        return -(-self.tick // self.span)
 
     def end(self) -> None:
         """Stop the clock."""
@@ -86,20 +114,28 @@ class Tally:
         return self._seconds + (0.0 if self._began is None else time.perf_counter() - self._began)
 
     def mean_drive(self, start: int = 0) -> float | None:
-        """Return the drive of the living, averaged over agents and ticks from `start` on."""
-        return _share(self.drive[start : self.tick].sum(), self.living[start : self.tick].sum())
+        """Return the drive of the living, averaged over agents and ticks from `start` on.
+
+        A block in which `start` lies counts with the share of its ticks from there on.
+        """
+        if start >= self.tick:
+            return None
+        first, into = divmod(start, self.span)
+        share = np.ones(self._used - first)
+        share[0] -= into / min(self.span, self.tick - first * self.span)
+        living = self.living[first : self._used].sum(axis=1)
+        return _share(float(share @ self.drive[first : self._used]), float(share @ living))
 
     def summary(self) -> dict[str, Any]:
         """Return what the run has come to."""
-        agent_steps = int(self.living[: self.tick].sum())
+        lived_by = self.living.sum(axis=0)  # per species
         needs, shares, population = {}, {}, {}
         for i, (species, group) in enumerate(zip(self._scenario.species, self._groups.values(), strict=True)):
-            there = self.living[: self.tick, i] if self.tick else np.array([species.count])
             population[species.name] = {
-                "end": int(there[-1]),
-                "mean": float(there.mean()),
-                "least": int(there.min()),
-                "most": int(there.max()),
+                "end": int(self.now[i]),
+                "mean": float(lived_by[i] / self.tick if self.tick else self.now[i]),
+                "least": int(self.least[i]),
+                "most": int(self.most[i]),
                 "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
             }
             lived = self.lived[group.slots].sum()
@@ -109,7 +145,7 @@ class Tally:
             shares[species.name] = {a: _share(counts[i], lived) for i, a in enumerate(group.actions)}
         return {
             "wall_seconds": round(self.seconds, 3),
-            "agent_steps_per_second": _share(agent_steps, self.seconds),
+            "agent_steps_per_second": _share(int(lived_by.sum()), self.seconds),
             "mean_drive": self.mean_drive(),
             "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10)) if self.tick else None,
             "mean_abs_deviation": needs,
@@ -121,20 +157,20 @@ class Tally:
             "bodies_put_back": self.returned,
         }
 
-    ARRAYS = ("drive", "living", "causes", "delta", "lived", "actions")
-    VALUES = ("tick", "births", "closed", "returned")
+    ARRAYS = ("drive", "living", "now", "least", "most", "causes", "delta", "lived", "actions")
+    VALUES = ("tick", "span", "births", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the sums: arrays, and plain values."""
         arrays = {name: getattr(self, name) for name in self.ARRAYS}
-        arrays["drive"], arrays["living"] = self.drive[: self.tick], self.living[: self.tick]
+        arrays["drive"], arrays["living"] = self.drive[: self._used], self.living[: self._used]
         return arrays, {"seconds": self.seconds} | {name: getattr(self, name) for name in self.VALUES}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
-        """Become what `state` returned; the sums of every tick may be longer here."""
+        """Become what `state` returned, which has only the blocks that have begun."""
         for name in self.ARRAYS:
             mine = getattr(self, name)
-            mine[: len(arrays[name])] = arrays[name]
+            mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
         for name in self.VALUES:
             setattr(self, name, values[name])
         self._seconds = values["seconds"]
@@ -206,10 +242,9 @@ class Run:
                     choice.name, group, learner_seed(plan.seed, i), choice.settings, plan.device
                 )
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
-        with _room(f"the tally of {plan.ticks} ticks"):
-            self.tally = Tally(self.scenario, self.env, plan.ticks)
         with _room(f"a world of {self.env.size} agents"):
             self.tick = self.env.reset_arrays(plan.seed)
+            self.tally = Tally(self.scenario, self.env)
         self.stopped_by: str | None = None
         self._resumed = False
         self._previous = False  # whether it goes on from the checkpoint before the last

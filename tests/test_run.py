@@ -400,8 +400,6 @@ def test_the_words_of_a_checkpoint_are_the_same_in_every_process() -> None:
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        ({"ticks": 10**15, "learners": ["rest"]}, "the tally of 1000000000000000 ticks"),
-        ({"ticks": 10**30, "learners": ["rest"]}, "ticks"),
         ({"changes": {"learner.memory": 10**15}}, "hjb of 1 agent (memory 1000000000000000)"),
         ({"changes": {"learner.memory": 10**30}}, "memory 1000000"),
     ],
