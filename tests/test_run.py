@@ -26,7 +26,7 @@ from agents import checkpoint
 from agents.base import DivergedError, Learner, Transition
 from ecology import EcologyError
 from scenarios import _run
-from scenarios._plan import read_config, resolve, words_of
+from scenarios._plan import Plan, read_config, resolve, words_of
 from scenarios._run import Run
 from scenarios.cli import main
 
@@ -85,6 +85,36 @@ def test_births_are_counted_where_there_is_room_for_more(tmp_path: Path) -> None
     summary = run.live()
     assert summary["births"] - summary["deaths"] == run.tick.alive.sum() - 3
     assert summary["births"] > 0
+
+
+def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often two blocks became one, also after resuming, the summary is that of every tick."""
+    text = CROWD.replace("count=12", "count=3, capacity=12, birth=Birth(rate=0.01), hazard=Hazard(rate=0.01)")
+    (tmp_path / "growing.py").write_text(text.replace("Arena,", "Arena, Birth, Hazard,"))
+
+    def plan(ticks: int) -> Plan:
+        return resolve(str(tmp_path / "growing.py"), learners=["random"], ticks=ticks, record=False)
+
+    whole = Run(plan(160), tmp_path / "whole")
+    whole.start()
+    expected = whole.live()
+    assert whole.tally.span == 1
+    assert expected["population"]["crowd"]["least"] < expected["population"]["crowd"]["most"]
+    monkeypatch.setattr(_run, "BLOCKS", 16)
+    part = Run(plan(50), tmp_path / "parts")
+    part.start()
+    part.live()
+    again = Run(plan(160), tmp_path / "parts")
+    again.resume()
+    found = again.live()
+    for key in ("mean_drive", "mean_drive_last_tenth"):  # sums of sums differ by rounding
+        assert found.pop(key) == pytest.approx(expected.pop(key), rel=1e-12)
+    for key in ("wall_seconds", "agent_steps_per_second"):
+        del found[key], expected[key]
+    assert found == expected
+    assert (again.tally.span, len(again.tally.drive), again.tally.state()[0]["drive"].shape) == (16, 16, (10,))
+    assert again.tally.mean_drive(152) == pytest.approx(again.tally.mean_drive(144))  # half of the last block
+    assert again.tally.mean_drive(160) is None
 
 
 def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
