@@ -23,7 +23,7 @@ from scenarios.cli import main
 LONG = int(os.environ.get("ECOLOGY_LONG", "0"))  # ticks of the life in the long setting
 TICKS, EVERY = (LONG, 100) if LONG else (300, 1)
 MARKS = 10  # times that memory is looked at; at the second, the run is warm
-MEMORY = 16.0  # MiB by which a warm run may grow; with an index of the recording in memory it would be by 50
+MEMORY = 16.0  # MiB by which a warm run may grow; with an index of the recording in memory some 50
 SAMPLE = 20_000  # bytes that a sample of these few agents may take on disk
 WORDS = {
     **{"prey": 4, "predators": 2, "patches": 3, "side": 4, "arrival": 0.01},
@@ -67,9 +67,7 @@ def test_a_long_life_takes_no_more_memory(tmp_path, monkeypatch):
 
     witness, live = Witness(), _run.Run.live
     monkeypatch.setattr(_run.Run, "live", lambda self, observers: live(self, [*observers, witness]))
-    if (
-        not LONG
-    ):  # every sample is sent alone, as many chunks as in minutes, and waited for: what waits takes memory too
+    if not LONG:  # every sample is sent alone, as many chunks as in minutes, and waited for: a queue takes memory too
         send = rerun.RerunObserver._send
         monkeypatch.setattr(rerun, "SECONDS_FILE", 0.0)
         monkeypatch.setattr(rerun.RerunObserver, "_send", lambda self: (send(self), self._rec.flush(timeout_sec=60.0)))
