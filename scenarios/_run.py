@@ -21,6 +21,7 @@ from agents.base import DivergedError
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
+from scenarios import _faults
 from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
@@ -246,6 +247,7 @@ class Run:
             self.tick = self.env.reset_arrays(plan.seed)
             self.tally = Tally(self.scenario, self.env)
         self.stopped_by: str | None = None
+        self._saved = 0  # tick of the last checkpoint
         self._resumed = False
         self._previous = False  # whether it goes on from the checkpoint before the last
 
@@ -287,7 +289,8 @@ class Run:
         try:
             self.become(parts)
         except Exception as error:
-            raise EcologyError(f"{damaged} ({type(error).__name__}: {error}). {checkpoint.advice(where)}") from error
+            raise EcologyError(f"{damaged} ({_faults.told(error)}). {checkpoint.advice(where)}") from error
+        self._saved = self.now
 
     def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Raise EcologyError where a checkpoint is not of this run's world, learners and seed."""
@@ -335,14 +338,14 @@ class Run:
     def live(self, observers: Sequence[Observer] = ()) -> dict[str, Any]:
         """Live to the plan's ticks, and return the summary; whatever happens, the folder is left readable.
 
-        Raises StoppedError where a signal came, EcologyError where a network diverged.
+        Raises StoppedError where a signal came, EcologyError where a network diverged or a user's own code failed.
         """
         interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
-        with writable(self.folder), contextlib.ExitStack() as at_end:
+        with writable(self.folder), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
                 if watcher is self.tally and not self.now:
@@ -370,9 +373,23 @@ class Run:
                 self.stopped_by = f"{who}: {error}"
                 raise EcologyError(f"{who}: {error} The run up to there is kept in {self.folder}.") from error
             except BaseException as error:
-                self.stopped_by = f"{type(error).__name__}: {error}"
+                self.stopped_by = _faults.told(error)
                 raise
         return self.summary()
+
+    @contextlib.contextmanager
+    def _faults_told(self, *, kept: bool) -> Iterator[None]:
+        """Add to an exception in a user's own code how far the run came and, where it is `kept`, how it goes on."""
+        try:
+            yield
+        except Exception as error:
+            if _faults.of(error) is None:
+                raise
+            then = kept * (
+                f"The run up to there is kept in {self.folder}; once this is mended, go on from tick {self._saved} "
+                f"with: ecology run --resume {self.folder}"
+            )
+            raise _faults.named(f"after {self.now} ticks", error, then) from error
 
     def _keep(self, observers: Sequence[Observer]) -> None:
         """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
@@ -391,11 +408,13 @@ class Run:
     def save(self, where: Path | None = None) -> None:
         """Write the checkpoint, or one to `where`."""
         checkpoint.write(where or self.folder / CHECKPOINT, self.parts())
+        if where is None:
+            self._saved = self.now
 
     def live_on(self, at: int, observers: Sequence[Observer] = ()) -> None:
         """Live to the tick `at` and write nothing; StoppedError where a signal came."""
         interrupt = Interrupt()
-        with contextlib.ExitStack() as at_end:
+        with self._faults_told(kept=False), contextlib.ExitStack() as at_end:
             for watcher in (interrupt, *observers):
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)

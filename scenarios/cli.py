@@ -29,7 +29,7 @@ import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import nearest
 from ecology.observers.base import Mind, Observer
-from scenarios import _run
+from scenarios import _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
 
@@ -51,15 +51,22 @@ app = typer.Typer(
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the command line; a user's error is one message on stderr and exit code 2."""
+    """Run the command line; a user's error is one message on stderr and exit code 2.
+
+    Before the message of an exception in a user's own code stand the frames from there on.
+    """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it; on small networks threads only cost
     try:
         app(args=_spelt(list(sys.argv[1:] if words is None else words)))
-    except EcologyError as error:
-        print(f"ecology: {error}", file=sys.stderr)
-        sys.exit(2)
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
+    except Exception as error:
+        told = error if isinstance(error, EcologyError) else _faults.of(error)
+        if told is None:
+            raise
+        frames = told.frames if isinstance(told, _faults.FaultError) else ""
+        print(f"{frames}ecology: {told}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _spelt(words: list[str]) -> list[str]:
@@ -125,11 +132,14 @@ def check(
     from ecology import contract  # needed by this command only
 
     broken = 0
-    for holds, reason in contract.check(scenarios.load(scenario), ticks):
-        print(f"{'FAIL' if reason else 'pass'}  {holds}", flush=True)
-        if reason:
+    for holds, error in contract.check(scenarios.load(scenario), ticks):
+        fault = None if error is None else _faults.of(error)
+        if fault is not None:
+            raise fault from error
+        print(f"{'FAIL' if error else 'pass'}  {holds}", flush=True)
+        if error:
             broken += 1
-            print(f"      {reason}")
+            print(f"      {contract.reason(error)}")
     if broken:
         print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
         raise typer.Exit(1)
@@ -425,6 +435,9 @@ def fork(
     out: Annotated[Path | None, typer.Option(help="Folder of the fork.  [default: RUN-at-TICK]")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
     keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.  [default: as the run]")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
@@ -432,7 +445,7 @@ def fork(
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(_run.held(run))
-        it = _run.opened(run)
+        it = _run.opened(run, device=device)
         forked = _fork.fork(
             it,
             at,
@@ -441,6 +454,7 @@ def fork(
             remove=remove or (),
             move=dict(map(_place, move or ())),
             ticks=ticks,
+            device=device,
             record=record,
             keep_every=keep_every,
             observers=[] if quiet else [Progress(it.tally, at)],
@@ -530,7 +544,7 @@ def sweep(
     for outcome in failed:
         print(f"ecology: the run {outcome.cell.folder} failed: {outcome.failed}", file=sys.stderr)
     if failed:
-        raise typer.Exit(1)
+        raise typer.Exit(max(outcome.code for outcome in failed))
 
 
 def _cpus() -> int:
@@ -641,10 +655,13 @@ def evaluate(
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
     ] = None,
+    device: Annotated[
+        str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where the learner computes.")
+    ] = "cpu",  # one agent at a time: elsewhere it takes longer
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
-    it = _run.opened(run, device="cpu")  # one agent at a time: on another device it would take longer
+    it = _run.opened(run, device=device)
     world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
@@ -674,6 +691,7 @@ def evaluate(
             skip=min(SKIPPED, ticks // 10),
             places=places,
             name=it.plan.learners[learner.group.name].name,
+            device=device,
             home=None if world is it.scenario else it.scenario,
             tell=tell,
         )
@@ -699,7 +717,12 @@ def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[S
 def _say_findings(report: Mapping[str, Any]) -> None:
     """Print an evaluation as tables."""
     console = Console()
-    drives = Table("", "mean drive", "95 % interval", title=f"{report['scenario']}, {report['ticks']:,} ticks")
+    drives = Table(
+        "",
+        "mean drive",
+        "95 % interval",
+        title=f"{report['scenario']}, {report['ticks']:,} ticks, on {report['device']}",
+    )
     known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
     for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
         interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
