@@ -120,12 +120,13 @@ def draw(path: Path, found: Sequence[Point], line: float) -> None:
     ax.set_ylabel("mean drive of what was learned: mean and range over seeds (less is better)")
     canvas.draw()
     taken: list[Any] = []
-    for text, at, colour in marks:  # the first place at which a label lies on no other
+    for text, at, colour in marks:  # the first place inside at which a label lies on no other
         for dx, dy in OFFSETS:
             side = "center" if dx == 0 else "left" if dx > 0 else "right"
             word = ax.annotate(text, at, xytext=(dx, dy), textcoords="offset points", ha=side, fontsize=8, color=colour)
             box = word.get_window_extent()
-            if (dx, dy) == OFFSETS[-1] or not any(box.overlaps(other) for other in taken):
+            inside = ax.bbox.containsx(box.x0) and ax.bbox.containsx(box.x1)
+            if (dx, dy) == OFFSETS[-1] or (inside and not any(box.overlaps(other) for other in taken)):
                 taken.append(box)
                 break
             word.remove()
