@@ -29,14 +29,14 @@ def folders(tmp_path: Path) -> list[Path]:
 
 
 def test_a_choice_has_its_cost_and_its_drives(folders: list[Path]) -> None:
-    """Costs are medians over seeds, per agent and tick; a choice is named by learner and by what it was told of it."""
+    """Costs are the least of the seeds, per agent and tick; a choice is named by learner and by what it was told of it."""
     found = {point.label: point for point in _cost.points(folders)}
     assert list(found) == ["hjb, update_every 2", "lean, width 16", "hjb, update_every 8"]
     assert found["hjb, update_every 2"].drives == {0: 1.0, 1: 2.0}
-    assert found["hjb, update_every 2"].tick == pytest.approx(1e3 * 6.0 / (1000 * 2))
-    assert found["hjb, update_every 2"].learner == pytest.approx(1e3 * 3.0 / (1000 * 2))
+    assert found["hjb, update_every 2"].tick == pytest.approx(1e3 * 4.0 / (1000 * 2))
+    assert found["hjb, update_every 2"].learner == pytest.approx(1e3 * 2.0 / (1000 * 2))
     table = _cost.table(list(found.values())).splitlines()
-    assert table[2] == "| `hjb, update_every 2` | 1.500 | 3.000 | 1.00 | 2.00 | 2.00 |"
+    assert table[2] == "| `hjb, update_every 2` | 1.000 | 2.000 | 1.00 | 2.00 | 2.00 |"
     assert table[3].endswith("| 2.50 | - | 2.50 |")
 
 
