@@ -29,7 +29,7 @@ def folders(tmp_path: Path) -> list[Path]:
 
 
 def test_a_choice_has_its_cost_and_its_drives(folders: list[Path]) -> None:
-    """Costs are the least of the seeds, per agent and tick; a choice is named by learner and by what it was told of it."""
+    """Costs are the least of the seeds, per agent and tick; a name is learner and what it was told."""
     found = {point.label: point for point in _cost.points(folders)}
     assert list(found) == ["hjb, update_every 2", "lean, width 16", "hjb, update_every 8"]
     assert found["hjb, update_every 2"].drives == {0: 1.0, 1: 2.0}
