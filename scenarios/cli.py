@@ -36,6 +36,7 @@ from scenarios._run import Run, StoppedError, Tally
 REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
+EVALUATED = 10_000  # ticks of every life of an evaluation
 RECORD = "on"  # what a bare --record stands for
 WIDE = 180  # characters of the certificate where there is no terminal
 CHECKED = 200  # ticks of a life in `ecology check`
@@ -496,6 +497,9 @@ def sweep(
         str | None, typer.Option(metavar="ADDRESS", help="Live on a Ray cluster; `local` starts one here.")
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
+    evaluate: Annotated[
+        bool, typer.Option("--evaluate", help="Measure what each has learned, as `ecology evaluate` does.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
@@ -504,8 +508,8 @@ def sweep(
     settings: dict[str, list[Any]] = dict(map(_sweep.values_of, set_ or ()))
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = _sweep.cells_of(
-        scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), ticks=ticks,
-        record=record,
+        scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
+        ticks=ticks, record=record,
     )  # fmt: skip
     for cell in cells:
         _sweep.check(cell)
@@ -515,14 +519,14 @@ def sweep(
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
     with _run.writable(out):
         out.mkdir(parents=True, exist_ok=True)
-    console = Console(stderr=True, quiet=quiet)
+    console, what = Console(stderr=True, quiet=quiet), cells[0].measure.replace("_", " ")
     with _run.held(out), _bar(console, len(cells), len(outcomes)) as show:
         attempt, count = (_sweep.by_process, _cpus()) if ray is None or not waiting else _sweep.by_ray(ray)
 
         def tell(outcome: _sweep.Outcome, running: int) -> None:
             outcomes.append(outcome)
-            drive = None if outcome.summary is None else outcome.summary["mean_drive"]
-            console.print(f"{outcome.cell.name}: {outcome.failed or f'mean drive {_figure(drive)}'}", highlight=False)
+            drive = None if outcome.summary is None else outcome.summary[outcome.cell.measure]
+            console.print(f"{outcome.cell.name}: {outcome.failed or f'{what} {_figure(drive)}'}", highlight=False)
             show(f"{running} under way")
 
         try:
@@ -536,7 +540,7 @@ def sweep(
             with _run.writable(out):
                 written = _sweep.sum_up(out, done, title=Path(scenario).stem)
             if not quiet:
-                _say_sweep(_sweep.points(done))
+                _say_sweep(_sweep.points(done), what)
                 print(
                     f"{len(done)} of {len(cells)} runs are whole. Written: {', '.join(map(str, written)) or 'nothing'}"
                 )
@@ -569,10 +573,10 @@ def _bar(console: Console, total: int, done: int) -> Iterator[Callable[[str], No
         yield lambda words: bar.update(task, advance=1, description=words)
 
 
-def _say_sweep(found: Sequence[Any]) -> None:
-    """Print the mean drives of a sweep as a table."""
+def _say_sweep(found: Sequence[Any], what: str) -> None:
+    """Print the drives of a sweep as a table."""
     if found:
-        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", "mean drive", "95 % interval")
+        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", what, "95 % interval")
         for point in found:
             interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
             words = map(str, (*point.varied.values(), point.runs))
@@ -646,7 +650,7 @@ def bench(
 def evaluate(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     species: Annotated[str | None, typer.Option(help="Whose learner.  [default: the first]")] = None,
-    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = 10_000,
+    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = EVALUATED,
     places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
     seed: Annotated[int | None, typer.Option(min=0, help="[default: the run's + 1000]")] = None,
     in_: Annotated[

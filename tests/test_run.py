@@ -130,6 +130,7 @@ def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
     assert (summary["seed"], summary["ticks"], summary["deaths"], summary["births"]) == (0, 200, 0, 0)
     assert "stopped_at" not in summary
     assert summary["wall_seconds"] > 0
+    assert 0 < summary["learner_cpu_seconds"] < summary["cpu_seconds"]
     assert summary["agent_steps_per_second"] == pytest.approx(200 / summary["wall_seconds"], rel=0.05)
     assert sum(summary["action_shares"]["agent"].values()) == pytest.approx(1.0)
     assert summary["mean_abs_deviation"]["agent"].keys() >= {"need_1", "muscle_fatigue", "sleep_fatigue"}
@@ -185,10 +186,12 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
     assert metrics == list(range(10, stopped + 1, 10))
     assert (out / "recording.rrd").stat().st_size > 0
 
+    before = summary
     cli("run", "--resume", str(out), "--ticks", str(stopped + 25), "--quiet")
     summary = json.loads((out / "summary.json").read_text())
     assert summary["ticks"] == stopped + 25
     assert "stopped_at" not in summary
+    assert all(summary[key] > before[key] for key in ("wall_seconds", "cpu_seconds", "learner_cpu_seconds"))
     metrics = pq.read_table(out / "metrics.parquet")["tick"].to_pylist()
     assert metrics == list(range(10, stopped + 26, 10))
 
