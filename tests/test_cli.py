@@ -340,7 +340,14 @@ def test_an_evaluation_is_there_when_it_is_whole(
 @pytest.mark.parametrize(("gap", "words"), [(-7.35, "worse than camping"), (0.5, "50% of the way")])
 def test_worse_than_camping_is_said_plainly(capsys: pytest.CaptureFixture[str], gap: float, words: str) -> None:
     """A learner below the first yardstick is not said to be a share of the way to the second."""
-    report = {"scenario": "paper", "ticks": 10, "mean_drive": {}, "closed_gap": gap, "deviation_maps": None}
+    report = {
+        "scenario": "paper",
+        "ticks": 10,
+        "device": "cpu",
+        "mean_drive": {},
+        "closed_gap": gap,
+        "deviation_maps": None,
+    }
     cli._say_findings({**report, "probe": {}, "deviation_check": None})
     out = capsys.readouterr().out
     assert words in out

@@ -187,13 +187,13 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
     assert (out / "recording.rrd").stat().st_size > 0
 
     before = summary
-    cli("run", "--resume", str(out), "--ticks", str(stopped + 25), "--quiet")
+    cli("run", "--resume", str(out), "--ticks", str(stopped + 1025), "--quiet")
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["ticks"] == stopped + 25
+    assert summary["ticks"] == stopped + 1025
     assert "stopped_at" not in summary
     assert all(summary[key] > before[key] for key in ("wall_seconds", "cpu_seconds", "learner_cpu_seconds"))
     metrics = pq.read_table(out / "metrics.parquet")["tick"].to_pylist()
-    assert metrics == list(range(10, stopped + 26, 10))
+    assert metrics == list(range(10, stopped + 1026, 10))
 
 
 def test_a_run_that_goes_on_equals_one_that_was_never_left(crowd: Callable[..., Run]) -> None:
