@@ -785,12 +785,13 @@ def reproduce(
         )
         try:
             ledger.do(case, part)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, StoppedError):
             console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
             raise StoppedError(signal.SIGINT) from None
         left -= part.seconds
     found = {case.name: _reproduce.rows(case, ledger) for case in cases}
-    _reproduce.write(out, found)
+    tables = {case.name: text for case in cases if (text := _reproduce.table(case, ledger)) is not None}
+    written = _reproduce.write(out, found, tables)
     if not quiet:
         table = Table(*_reproduce.HEAD)
         for name, rows in found.items():
@@ -799,7 +800,7 @@ def reproduce(
             table.add_section()
         screen = Console()
         screen.print(table, width=screen.width if screen.is_terminal else WIDE)
-        print(f"written: {out / _reproduce.TABLE} and {_reproduce.PARQUET}")
+        print(f"written: {', '.join(map(str, written))}")
 
 
 def _long(seconds: float) -> str:
