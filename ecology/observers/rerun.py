@@ -46,6 +46,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+
+# read by Rerun when it is loaded: that a file is written without its index is meant (see `_open`), no warning is due
+os.environ.setdefault("RUST_LOG", "warn,re_log_encoding::rrd::file_sink=error")
+
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
@@ -87,7 +91,7 @@ MARKS = 200  # per kind and sample, at most
 MEMORY = "256MB"  # of history kept for viewers that attach late
 BACKLOG = 64 * 2**20  # bytes that may wait for a viewer elsewhere; older ones are dropped
 PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
-QUICK = 512 * 2**20  # bytes up to which a recording is optimised at the end
+TIDY = 2 * 2**30  # bytes up to which a recording is put in order at the end, by a process that takes as much memory
 BACKGROUND, FLOOR, WALL, INK = (16, 18, 22), (42, 46, 54), (225, 225, 225), (235, 235, 235)
 FAINT = (120, 124, 132)
 MARKED = {"born": INK, "died": INK, "bit": colours.BITING, "gave": colours.GIVING}
@@ -259,7 +263,7 @@ class RerunObserver:
             self._relay.close()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
-            if len(parts) > 1 or self._path.stat().st_size <= QUICK:
+            if len(parts) > 1 or self._path.stat().st_size <= TIDY:
                 joined(parts, self._path)
 
     def _open(self, tick: int) -> None:
@@ -277,7 +281,8 @@ class RerunObserver:
                     joined(stretches(self._path), self._path)
                 identity = recording_id(self._path)
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            sinks.append(rr.FileSink(str(self._target)))
+            # the index of a file grows in memory with every chunk sent, some 4 kB each; `end` makes it instead
+            sinks.append(rr.FileSink(str(self._target), write_footer=False))
         if self._port:
             sinks.append(rr.GrpcServerSink(self._host, self._port, server_memory_limit=MEMORY))
         self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
@@ -324,7 +329,7 @@ class RerunObserver:
             "born": self._census.born.copy(),
             "died": self._census.died.copy(),
             "stocks": census.stocks(scene.scenario, state),
-            "measures": np.array([float(m(state)) for m in self._env.scenario.measures.values()]),
+            "measures": np.array(self._env.scenario.measured(state)),
         }
         if self._sampled % SPARSE == 0:
             sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}

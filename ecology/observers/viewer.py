@@ -22,7 +22,7 @@ from ecology.spec import require
 LOOPBACK = "127.0.0.1"
 RECORDING = "recording.rrd"  # in a run's folder
 SERVE_PORT, WEB_PORT = 9876, 9090  # the defaults of Rerun
-TIDYING = 300.0  # seconds granted to putting a recording in order
+TIDYING, PACE = 300.0, 4e6  # granted to putting a recording in order: seconds, and bytes per second besides
 
 
 def view(run: Path | str) -> None:
@@ -194,7 +194,8 @@ def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
     unfinished = target.with_suffix(".unfinished.rrd")
     command = [*_viewer(), "rrd", how, *map(str, parts), "-o", str(unfinished)]
     try:
-        done = subprocess.run(command, check=False, capture_output=True, timeout=TIDYING, env=_quiet())
+        patience = TIDYING + sum(part.stat().st_size for part in parts) / PACE
+        done = subprocess.run(command, check=False, capture_output=True, timeout=patience, env=_quiet())
         good = done.returncode == 0 and unfinished.stat().st_size > 0 and whole(unfinished)
     except (OSError, subprocess.TimeoutExpired):
         good = False
