@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import logging
 import math
 import os
 import re
@@ -351,8 +352,12 @@ class Audience:
         if self._view:
             viewer.attach(self._url)
         if self._serve:
-            self._page = Page([self._url], self._wishes.click, dt=env.dt, port=viewer.WEB_PORT)
-            print(f"watch in a browser: {self._page.url}\nor in a viewer: rerun --connect {self._url}")
+            try:
+                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=viewer.WEB_PORT)
+                print(f"watch in a browser: {self._page.url}")
+            except EcologyError as error:
+                logging.getLogger("ecology").warning("%s The run goes on.", error)
+            print(f"watch in a viewer: rerun --connect {self._url}")
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Leave the watching to the viewers."""
@@ -880,7 +885,8 @@ def view(
 
 
 def _wait() -> None:
-    """Wait for Ctrl-C."""
+    """Wait for Ctrl-C, or to be ended."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     threading.Event().wait()
 
 

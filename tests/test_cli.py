@@ -17,6 +17,7 @@ import pytest
 
 import agents
 import scenarios
+from ecology import EcologyError
 from scenarios import cli
 from scenarios.cli import main
 
@@ -496,3 +497,23 @@ def test_births_and_deaths_are_counted_on(ecology: Command) -> None:
     dead = rerun._column(Path("whole", "recording.rrd"), "/world/agents/prey", "serial")[200][0]
     assert ecology("fork", "whole", "--at", "200", "--remove", f"prey_{dead}", "--out", "fork", "--quiet")[0] == 0
     assert flow("fork")[200] == flow("whole")[200]
+
+
+def test_a_page_that_cannot_be_served_stops_no_run(
+    ecology: Command, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Where Rerun's files for browsers are not to be had, --serve says so once and the run goes on."""
+    from ecology.observers import page, viewer
+
+    def fails(folder: Path) -> list[Path]:
+        raise EcologyError("the viewer for browsers cannot be started (gone).")
+
+    monkeypatch.setattr(viewer, "WEB_PORT", 0)
+    monkeypatch.setattr(viewer, "SERVE_PORT", viewer.free_port(viewer.LOOPBACK, 0))
+    monkeypatch.setattr(page, "_viewer_files", fails)
+    code, out, _ = ecology("run", "paper", "--ticks", "20", "--learner", "random", "--serve", "--out", "mine")
+    assert code == 0
+    assert "rerun --connect" in out
+    assert [record.getMessage() for record in caplog.records].count(
+        "the viewer for browsers cannot be started (gone). The run goes on."
+    ) == 1

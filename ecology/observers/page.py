@@ -35,7 +35,7 @@ HTML = Path(__file__).with_name("page.html")
 VIEWER = ("re_viewer.js", "re_viewer_bg.wasm")
 TYPES = {".js": "text/javascript", ".wasm": "application/wasm", ".html": "text/html; charset=utf-8"}
 LONGEST, DRAINED = 1_024, 65_536  # bytes of a click, and of anything that is read
-PATIENCE = 10.0  # seconds granted to a browser that is slow, and to the start of Rerun's server
+PATIENCE = 30.0  # seconds granted to a browser that is slow, and to the start of Rerun's server
 HOSTS = (LOOPBACK, "localhost")
 
 
