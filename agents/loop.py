@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
 from agents.base import Learner, Transition
-from ecology import Ecology, Group, Tick
+from ecology import Ecology, EcologyError, Group, Tick
 from ecology.observers.base import Observer
 
 
@@ -17,20 +17,34 @@ def run(
     tick: Tick,
     ticks: int,
     observers: Iterable[Observer] = (),
+    clock: Callable[[], float] = float,
 ) -> Tick:
-    """Live for `ticks` ticks from `tick` (as `env.reset_arrays` returned it) and return the last one."""
+    """Live for `ticks` ticks from `tick` (as `env.reset_arrays` returned it) and return the last one.
+
+    What acting and learning take by `clock`, seconds, is added to `learner.seconds`; by default it stands still.
+    """
     observers = tuple(observers)
     groups = [(group, learners[group.name]) for group in env.groups.values()]
     actions = np.zeros(env.size, np.int64)
     for _ in range(ticks):
         before = tick
         for group, learner in groups:
-            actions[group.slots] = learner.act(before.observations[group.name], before.masks[group.name])
+            began = clock()
+            chosen = learner.act(before.observations[group.name], before.masks[group.name])
+            learner.seconds += clock() - began
+            try:
+                actions[group.slots] = chosen
+            except (TypeError, ValueError) as error:
+                raise EcologyError(
+                    f"the learner of {group.name!r}, {type(learner).__name__}, must return {group.size} actions, an "
+                    f"index for every slot, got {chosen!r}."
+                ) from error
         tick = env.step_arrays(actions)
         alive = tick.alive & ~tick.born
         changed = bool((tick.died | tick.born).any())
         for group, learner in groups:
             if learner.learning:
+                began = clock()
                 learner.learn(
                     Transition(
                         observations=before.observations[group.name],
@@ -41,6 +55,7 @@ def run(
                         alive=alive[group.slots],
                     )
                 )
+                learner.seconds += clock() - began
             if changed:
                 _pass_on(group, learner, tick)
         if observers:

@@ -40,15 +40,20 @@ def choose(env: Ecology, tick: Tick, rng: np.random.Generator, *, open_only: boo
     return wanted
 
 
-def check(scenario: Scenario, ticks: int) -> Iterator[tuple[str, str]]:
-    """Yield what each check holds and the reason why it is broken, "" where it is kept."""
+def check(scenario: Scenario, ticks: int) -> Iterator[tuple[str, Exception | None]]:
+    """Yield what each check holds and what was raised where it is broken, None where it is kept."""
     for holds, it in CHECKS.items():
         try:
             it(scenario, ticks)
         except Exception as error:  # also what a scenario's own rule raises
-            yield holds, str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            yield holds, error
         else:
-            yield holds, ""
+            yield holds, None
+
+
+def reason(error: Exception) -> str:
+    """Return why a check is broken, from what it raised."""
+    return str(error) if isinstance(error, EcologyError) else f"{type(error).__name__}: {error}"
 
 
 def _lives(env: Ecology, seed: int, ticks: int, *, open_share: float = 0.7) -> Iterator[tuple[Tick, Ints, Tick]]:
@@ -225,6 +230,7 @@ def _fingerprints(env: Ecology, seed: int, ticks: int) -> list[str]:
     for _, _, tick in _lives(env, seed, ticks):
         digest = hashlib.sha256()
         arrays = [*env.state_view.arrays().values(), tick.reward, *tick.observations.values(), *tick.masks.values()]
+        arrays.append(np.array(env.scenario.measured(env.state_view)))
         for values in arrays:
             digest.update(np.ascontiguousarray(values).tobytes())
         found.append(digest.hexdigest())

@@ -24,8 +24,9 @@ from agents import loop
 from ecology import Ecology, EcologyError, Need, Scenario, Species, physiology, rest
 from ecology.errors import nearest
 from ecology.state import Ints
-from scenarios import _episodes, food_share, grid_rooms, trap
+from scenarios import _episodes, _survival, food_share, grid_rooms, trap
 from scenarios._empathy import CONDITIONS
+from scenarios._plan import world_digest
 from scenarios._run import replace_text
 
 CONFIDENCE = 0.95  # of every interval
@@ -123,6 +124,7 @@ class Case:
     parts: Callable[[], list[Part]]
     rows: Callable[[Mapping[str, Any]], list[Row]]  # by the keys of the parts; parts may be missing
     notes: list[str] = field(default_factory=list)
+    table: Callable[[Mapping[str, Any]], str] | None = None  # in Markdown, of what the rows do not hold
 
 
 # ---- closed forms of the paper, and the authors' own world -----------------------------------
@@ -253,6 +255,55 @@ def _commons_rows(done: Mapping[str, Any]) -> list[Row]:
     what = "most eaters with a fixed appetite that a full pool bears, 500 ticks"
     return [Row(what, [float(max(kept))], closed=threshold, tolerance=0.0)] + [
         Row("fewest that empty it", [float(min(lost))], closed=threshold + 1, tolerance=0.0) for _ in lost[:1]
+    ]
+
+
+SEEDS = {"commons": 3, "colony": 4}  # of those who learn
+
+
+def _crowd_parts(name: str, live: Callable[[Any, int], Any], values: Sequence[float], seconds: float) -> list[Part]:
+    """Return a part for every life of `name`: live(value, seed)."""
+    found = []
+    for value in values:
+        for seed in range(SEEDS[name]):
+            words = {"ticks": _survival.TICKS, "world": world_digest(scenarios.load(name))}
+
+            def compute(value=value, seed=seed) -> Any:
+                return live(value, seed)
+
+            found.append(Part(f"{value:g}-seed-{seed}", words, seconds, compute))
+    return found
+
+
+def _lives(done: Mapping[str, Any]) -> dict[float, list[Any]]:
+    """Return the lives that are done by value, in the order of their seeds."""
+    found: dict[float, list[Any]] = {}
+    for key, life in done.items():
+        found.setdefault(float(key.partition("-")[0]), []).append(life)
+    return found
+
+
+def _learners_rows(done: Mapping[str, Any]) -> list[Row]:
+    lives, ticks = _lives(done), _survival.TICKS
+    found = []
+    for n, of in lives.items():
+        emptied = [float(life["empty"] or ticks) for life in of]
+        closed = min(_survival.emptied_at(n), ticks)
+        found.append(Row(f"ticks until the pool of {n:g} learners is empty, {ticks:,} at most", emptied, closed=closed))
+    kept = [n for n, of in lives.items() if all(life["empty"] is None for life in of)]
+    if kept and len(lives) == len(_survival.NUMBERS):
+        what = "most learners of whom every pool is kept"
+        found.append(Row(what, [max(kept)], closed=_survival.bears(), tolerance=1.0))  # n is tried in steps of 2
+    return found
+
+
+def _colony_rows(done: Mapping[str, Any]) -> list[Row]:
+    given = "no number to compare with"
+    return [
+        Row(f"{what}, weight {weight:g}", of, verdict=given)
+        for what, word in (("share of the brood alive at the end", "brood alive"), ("own drive of the brood", "brood"))
+        for weight, lives in _lives(done).items()
+        if (of := [life[word] for life in lives if life[word] is not None])
     ]
 
 
@@ -410,7 +461,7 @@ EMPATHIC = (
         cap=trap.CAP,
         scale=trap.REWARD,
         ticks=20_000,
-        seeds=2,
+        seeds=4,
         seconds=120.0,
         steps=100_000,
         worlds=1,
@@ -530,6 +581,20 @@ def cases() -> dict[str, Case]:
         ),
         Case("commons", "the most that a common pool bears, n q <= delta E0", _commons_parts, _commons_rows),
         Case(
+            "commons_learners",
+            "how many learners a common pool bears, against eaters that take what they need, n decay <= delta E0",
+            lambda: _crowd_parts("commons", _survival.commons, _survival.NUMBERS, 4.0),
+            _learners_rows,
+            table=lambda done: _survival.commons_table(_lives(done)),
+        ),
+        Case(
+            "colony",
+            "what becomes of a brood that is fed by nurses, by how much they feel of it",
+            lambda: _crowd_parts("colony", _survival.colony, _survival.WEIGHTS, 5.0),
+            _colony_rows,
+            table=lambda done: _survival.colony_table(_lives(done)),
+        ),
+        Case(
             "lotka_volterra",
             "mean numbers and period of well-mixed predators and prey",
             _cycle_parts,
@@ -596,8 +661,17 @@ def left(case: Case, ledger: Ledger) -> list[Part]:
 
 def rows(case: Case, ledger: Ledger) -> list[Row]:
     """Return the rows of a case, as far as its parts are done."""
-    done = {part.key: ledger.read(case, part) for part in case.parts()}
-    return case.rows({key: value for key, value in done.items() if value is not None})
+    return case.rows(_done(case, ledger))
+
+
+def _done(case: Case, ledger: Ledger) -> dict[str, Any]:
+    found = {part.key: ledger.read(case, part) for part in case.parts()}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def table(case: Case, ledger: Ledger) -> str | None:
+    """Return the table of a case besides its rows, as far as its parts are done; None: it has none."""
+    return None if case.table is None else case.table(_done(case, ledger))
 
 
 # ---- telling ---------------------------------------------------------------------------------
@@ -631,13 +705,14 @@ def _number(value: float) -> str:
 
 def markdown(table: Mapping[str, Sequence[Row]]) -> str:
     """Return the certificate as a table of Markdown."""
-    lines = [HEAD, tuple("---" for _ in HEAD)]
-    lines += [cells(name, row) for name, found in table.items() for row in found]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return _survival.markdown(HEAD, [cells(name, row) for name, found in table.items() for row in found])
 
 
-def write(folder: Path, table: Mapping[str, Sequence[Row]]) -> None:
-    """Write the certificate into the folder, as Markdown and as parquet (a row per row)."""
+def write(folder: Path, table: Mapping[str, Sequence[Row]], tables: Mapping[str, str]) -> list[Path]:
+    """Write the certificate into the folder, as Markdown and as parquet (a row per row), and `tables` by name.
+
+    Returns the paths.
+    """
     import pyarrow as pa  # slow to load
     from pyarrow import parquet
 
@@ -652,3 +727,6 @@ def write(folder: Path, table: Mapping[str, Sequence[Row]]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     replace_text(folder / TABLE, markdown(table))
     parquet.write_table(pa.Table.from_pylist(flat), folder / PARQUET)
+    for name, text in tables.items():
+        replace_text(folder / f"{name}.md", text)
+    return [folder / name for name in (TABLE, PARQUET, *(f"{name}.md" for name in tables))]

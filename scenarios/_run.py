@@ -17,10 +17,11 @@ import numpy as np
 
 import agents
 from agents import checkpoint, loop
-from agents.base import DivergedError
+from agents.base import DivergedError, Learner
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
+from scenarios import _faults
 from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
@@ -41,16 +42,16 @@ class Tally:
     are full, two become one, so that a life of any length takes the same memory.
     """
 
-    def __init__(self, scenario: Scenario, env: Ecology) -> None:
-        self._scenario, self._groups = scenario, env.groups
+    def __init__(self, scenario: Scenario, env: Ecology, learners: Mapping[str, Learner]) -> None:
+        self._scenario, self._groups, self._learners = scenario, env.groups, learners
         needs = max(len(s.needs) for s in scenario.species)
         self._set_point = np.zeros((env.size, needs))
         for s, group in zip(scenario.species, env.groups.values(), strict=True):
             self._set_point[group.slots, : len(s.needs)] = [need.set_point for need in s.needs]
         self._row = np.arange(env.size)
         self.tick = 0
-        self._seconds = 0.0  # of wall time, before it last began
-        self._began: float | None = None
+        self._seconds = np.zeros(3)  # as `seconds`, before it last began
+        self._began: np.ndarray | None = None
         self.births = 0
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
@@ -66,7 +67,7 @@ class Tally:
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Start the clock."""
-        self._began = time.perf_counter()
+        self._began = self._clocks()
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Add one tick."""
@@ -109,9 +110,13 @@ class Tally:
         self._seconds, self._began = self.seconds, None
 
     @property
-    def seconds(self) -> float:
-        """Return the wall time of the run so far, whatever it waited for."""
-        return self._seconds + (0.0 if self._began is None else time.perf_counter() - self._began)
+    def seconds(self) -> np.ndarray:
+        """Return the time of the run so far: by the wall, of the CPU, and of the CPU for acting and learning."""
+        return self._seconds + (0.0 if self._began is None else self._clocks() - self._began)
+
+    def _clocks(self) -> np.ndarray:
+        learners = sum(learner.seconds for learner in self._learners.values())
+        return np.array([time.perf_counter(), time.process_time(), learners])
 
     def mean_drive(self, start: int = 0) -> float | None:
         """Return the drive of the living, averaged over agents and ticks from `start` on.
@@ -129,6 +134,7 @@ class Tally:
     def summary(self) -> dict[str, Any]:
         """Return what the run has come to."""
         lived_by = self.living.sum(axis=0)  # per species
+        wall, cpu, learner = self.seconds
         needs, shares, population = {}, {}, {}
         for i, (species, group) in enumerate(zip(self._scenario.species, self._groups.values(), strict=True)):
             population[species.name] = {
@@ -144,8 +150,10 @@ class Tally:
             counts = self.actions[group.slots].sum(axis=0)
             shares[species.name] = {a: _share(counts[i], lived) for i, a in enumerate(group.actions)}
         return {
-            "wall_seconds": round(self.seconds, 3),
-            "agent_steps_per_second": _share(int(lived_by.sum()), self.seconds),
+            "wall_seconds": round(wall, 3),
+            "cpu_seconds": round(cpu, 3),
+            "learner_cpu_seconds": round(learner, 3),
+            "agent_steps_per_second": _share(int(lived_by.sum()), wall),
             "mean_drive": self.mean_drive(),
             "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10)) if self.tick else None,
             "mean_abs_deviation": needs,
@@ -164,7 +172,7 @@ class Tally:
         """Return the sums: arrays, and plain values."""
         arrays = {name: getattr(self, name) for name in self.ARRAYS}
         arrays["drive"], arrays["living"] = self.drive[: self._used], self.living[: self._used]
-        return arrays, {"seconds": self.seconds} | {name: getattr(self, name) for name in self.VALUES}
+        return arrays, {"seconds": self.seconds.tolist()} | {name: getattr(self, name) for name in self.VALUES}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned, which has only the blocks that have begun."""
@@ -173,7 +181,7 @@ class Tally:
             mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
         for name in self.VALUES:
             setattr(self, name, values[name])
-        self._seconds = values["seconds"]
+        self._seconds = np.array(values["seconds"])
 
 
 def _share(part: float, whole: float) -> float | None:
@@ -244,8 +252,9 @@ class Run:
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
         with _room(f"a world of {self.env.size} agents"):
             self.tick = self.env.reset_arrays(plan.seed)
-            self.tally = Tally(self.scenario, self.env)
+            self.tally = Tally(self.scenario, self.env, self.learners)
         self.stopped_by: str | None = None
+        self._saved = 0  # tick of the last checkpoint
         self._resumed = False
         self._previous = False  # whether it goes on from the checkpoint before the last
 
@@ -287,7 +296,8 @@ class Run:
         try:
             self.become(parts)
         except Exception as error:
-            raise EcologyError(f"{damaged} ({type(error).__name__}: {error}). {checkpoint.advice(where)}") from error
+            raise EcologyError(f"{damaged} ({_faults.told(error)}). {checkpoint.advice(where)}") from error
+        self._saved = self.now
 
     def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Raise EcologyError where a checkpoint is not of this run's world, learners and seed."""
@@ -335,14 +345,14 @@ class Run:
     def live(self, observers: Sequence[Observer] = ()) -> dict[str, Any]:
         """Live to the plan's ticks, and return the summary; whatever happens, the folder is left readable.
 
-        Raises StoppedError where a signal came, EcologyError where a network diverged.
+        Raises StoppedError where a signal came, EcologyError where a network diverged or a user's own code failed.
         """
         interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
-        with writable(self.folder), contextlib.ExitStack() as at_end:
+        with writable(self.folder), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
                 if watcher is self.tally and not self.now:
@@ -357,7 +367,7 @@ class Run:
             try:
                 while self.now < last:
                     ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
-                    self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers)
+                    self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers, clock=time.process_time)
                     self._keep(observers)
                     if keep and self.now % keep == 0:
                         self.save(self.folder / KEPT / str(self.now))
@@ -370,9 +380,23 @@ class Run:
                 self.stopped_by = f"{who}: {error}"
                 raise EcologyError(f"{who}: {error} The run up to there is kept in {self.folder}.") from error
             except BaseException as error:
-                self.stopped_by = f"{type(error).__name__}: {error}"
+                self.stopped_by = _faults.told(error)
                 raise
         return self.summary()
+
+    @contextlib.contextmanager
+    def _faults_told(self, *, kept: bool) -> Iterator[None]:
+        """Add to an exception in a user's own code how far the run came and, where it is `kept`, how it goes on."""
+        try:
+            yield
+        except Exception as error:
+            if _faults.of(error) is None:
+                raise
+            then = kept * (
+                f"The run up to there is kept in {self.folder}; once this is mended, go on from tick {self._saved} "
+                f"with: ecology run --resume {self.folder}"
+            )
+            raise _faults.named(f"after {self.now} ticks", error, then) from error
 
     def _keep(self, observers: Sequence[Observer]) -> None:
         """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
@@ -391,11 +415,13 @@ class Run:
     def save(self, where: Path | None = None) -> None:
         """Write the checkpoint, or one to `where`."""
         checkpoint.write(where or self.folder / CHECKPOINT, self.parts())
+        if where is None:
+            self._saved = self.now
 
     def live_on(self, at: int, observers: Sequence[Observer] = ()) -> None:
         """Live to the tick `at` and write nothing; StoppedError where a signal came."""
         interrupt = Interrupt()
-        with contextlib.ExitStack() as at_end:
+        with self._faults_told(kept=False), contextlib.ExitStack() as at_end:
             for watcher in (interrupt, *observers):
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)

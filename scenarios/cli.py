@@ -29,13 +29,14 @@ import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import nearest
 from ecology.observers.base import Mind, Observer
-from scenarios import _run
+from scenarios import _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
 
 REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
+EVALUATED = 10_000  # ticks of every life of an evaluation
 RECORD = "on"  # what a bare --record stands for
 WIDE = 180  # characters of the certificate where there is no terminal
 CHECKED = 200  # ticks of a life in `ecology check`
@@ -51,15 +52,22 @@ app = typer.Typer(
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the command line; a user's error is one message on stderr and exit code 2."""
+    """Run the command line; a user's error is one message on stderr and exit code 2.
+
+    Before the message of an exception in a user's own code stand the frames from there on.
+    """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it; on small networks threads only cost
     try:
         app(args=_spelt(list(sys.argv[1:] if words is None else words)))
-    except EcologyError as error:
-        print(f"ecology: {error}", file=sys.stderr)
-        sys.exit(2)
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
+    except Exception as error:
+        told = error if isinstance(error, EcologyError) else _faults.of(error)
+        if told is None:
+            raise
+        frames = told.frames if isinstance(told, _faults.FaultError) else ""
+        print(f"{frames}ecology: {told}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _spelt(words: list[str]) -> list[str]:
@@ -125,11 +133,14 @@ def check(
     from ecology import contract  # needed by this command only
 
     broken = 0
-    for holds, reason in contract.check(scenarios.load(scenario), ticks):
-        print(f"{'FAIL' if reason else 'pass'}  {holds}", flush=True)
-        if reason:
+    for holds, error in contract.check(scenarios.load(scenario), ticks):
+        fault = None if error is None else _faults.of(error)
+        if fault is not None:
+            raise fault from error
+        print(f"{'FAIL' if error else 'pass'}  {holds}", flush=True)
+        if error:
             broken += 1
-            print(f"      {reason}")
+            print(f"      {contract.reason(error)}")
     if broken:
         print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
         raise typer.Exit(1)
@@ -425,6 +436,9 @@ def fork(
     out: Annotated[Path | None, typer.Option(help="Folder of the fork.  [default: RUN-at-TICK]")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
     keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.  [default: as the run]")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
@@ -432,7 +446,7 @@ def fork(
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(_run.held(run))
-        it = _run.opened(run)
+        it = _run.opened(run, device=device)
         forked = _fork.fork(
             it,
             at,
@@ -441,6 +455,7 @@ def fork(
             remove=remove or (),
             move=dict(map(_place, move or ())),
             ticks=ticks,
+            device=device,
             record=record,
             keep_every=keep_every,
             observers=[] if quiet else [Progress(it.tally, at)],
@@ -482,6 +497,9 @@ def sweep(
         str | None, typer.Option(metavar="ADDRESS", help="Live on a Ray cluster; `local` starts one here.")
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
+    evaluate: Annotated[
+        bool, typer.Option("--evaluate", help="Measure what each has learned, as `ecology evaluate` does.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
@@ -490,8 +508,8 @@ def sweep(
     settings: dict[str, list[Any]] = dict(map(_sweep.values_of, set_ or ()))
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = _sweep.cells_of(
-        scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), ticks=ticks,
-        record=record,
+        scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
+        ticks=ticks, record=record,
     )  # fmt: skip
     for cell in cells:
         _sweep.check(cell)
@@ -501,14 +519,14 @@ def sweep(
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
     with _run.writable(out):
         out.mkdir(parents=True, exist_ok=True)
-    console = Console(stderr=True, quiet=quiet)
+    console, what = Console(stderr=True, quiet=quiet), cells[0].measure.replace("_", " ")
     with _run.held(out), _bar(console, len(cells), len(outcomes)) as show:
         attempt, count = (_sweep.by_process, _cpus()) if ray is None or not waiting else _sweep.by_ray(ray)
 
         def tell(outcome: _sweep.Outcome, running: int) -> None:
             outcomes.append(outcome)
-            drive = None if outcome.summary is None else outcome.summary["mean_drive"]
-            console.print(f"{outcome.cell.name}: {outcome.failed or f'mean drive {_figure(drive)}'}", highlight=False)
+            drive = None if outcome.summary is None else outcome.summary[outcome.cell.measure]
+            console.print(f"{outcome.cell.name}: {outcome.failed or f'{what} {_figure(drive)}'}", highlight=False)
             show(f"{running} under way")
 
         try:
@@ -522,7 +540,7 @@ def sweep(
             with _run.writable(out):
                 written = _sweep.sum_up(out, done, title=Path(scenario).stem)
             if not quiet:
-                _say_sweep(_sweep.points(done))
+                _say_sweep(_sweep.points(done), what)
                 print(
                     f"{len(done)} of {len(cells)} runs are whole. Written: {', '.join(map(str, written)) or 'nothing'}"
                 )
@@ -530,7 +548,7 @@ def sweep(
     for outcome in failed:
         print(f"ecology: the run {outcome.cell.folder} failed: {outcome.failed}", file=sys.stderr)
     if failed:
-        raise typer.Exit(1)
+        raise typer.Exit(max(outcome.code for outcome in failed))
 
 
 def _cpus() -> int:
@@ -555,10 +573,10 @@ def _bar(console: Console, total: int, done: int) -> Iterator[Callable[[str], No
         yield lambda words: bar.update(task, advance=1, description=words)
 
 
-def _say_sweep(found: Sequence[Any]) -> None:
-    """Print the mean drives of a sweep as a table."""
+def _say_sweep(found: Sequence[Any], what: str) -> None:
+    """Print the drives of a sweep as a table."""
     if found:
-        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", "mean drive", "95 % interval")
+        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", what, "95 % interval")
         for point in found:
             interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
             words = map(str, (*point.varied.values(), point.runs))
@@ -632,7 +650,7 @@ def bench(
 def evaluate(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     species: Annotated[str | None, typer.Option(help="Whose learner.  [default: the first]")] = None,
-    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = 10_000,
+    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = EVALUATED,
     places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
     seed: Annotated[int | None, typer.Option(min=0, help="[default: the run's + 1000]")] = None,
     in_: Annotated[
@@ -641,10 +659,13 @@ def evaluate(
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
     ] = None,
+    device: Annotated[
+        str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where the learner computes.")
+    ] = "cpu",  # one agent at a time: elsewhere it takes longer
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
-    it = _run.opened(run, device="cpu")  # one agent at a time: on another device it would take longer
+    it = _run.opened(run, device=device)
     world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
@@ -674,6 +695,7 @@ def evaluate(
             skip=min(SKIPPED, ticks // 10),
             places=places,
             name=it.plan.learners[learner.group.name].name,
+            device=device,
             home=None if world is it.scenario else it.scenario,
             tell=tell,
         )
@@ -699,7 +721,12 @@ def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[S
 def _say_findings(report: Mapping[str, Any]) -> None:
     """Print an evaluation as tables."""
     console = Console()
-    drives = Table("", "mean drive", "95 % interval", title=f"{report['scenario']}, {report['ticks']:,} ticks")
+    drives = Table(
+        "",
+        "mean drive",
+        "95 % interval",
+        title=f"{report['scenario']}, {report['ticks']:,} ticks, on {report['device']}",
+    )
     known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
     for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
         interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
@@ -758,12 +785,13 @@ def reproduce(
         )
         try:
             ledger.do(case, part)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, StoppedError):
             console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
             raise StoppedError(signal.SIGINT) from None
         left -= part.seconds
     found = {case.name: _reproduce.rows(case, ledger) for case in cases}
-    _reproduce.write(out, found)
+    tables = {case.name: text for case in cases if (text := _reproduce.table(case, ledger)) is not None}
+    written = _reproduce.write(out, found, tables)
     if not quiet:
         table = Table(*_reproduce.HEAD)
         for name, rows in found.items():
@@ -772,7 +800,7 @@ def reproduce(
             table.add_section()
         screen = Console()
         screen.print(table, width=screen.width if screen.is_terminal else WIDE)
-        print(f"written: {out / _reproduce.TABLE} and {_reproduce.PARQUET}")
+        print(f"written: {', '.join(map(str, written))}")
 
 
 def _long(seconds: float) -> str:

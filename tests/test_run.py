@@ -109,7 +109,7 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
     found = again.live()
     for key in ("mean_drive", "mean_drive_last_tenth"):  # sums of sums differ by rounding
         assert found.pop(key) == pytest.approx(expected.pop(key), rel=1e-12)
-    for key in ("wall_seconds", "agent_steps_per_second"):
+    for key in ("wall_seconds", "cpu_seconds", "learner_cpu_seconds", "agent_steps_per_second"):
         del found[key], expected[key]
     assert found == expected
     assert (again.tally.span, len(again.tally.drive), again.tally.state()[0]["drive"].shape) == (16, 16, (10,))
@@ -130,6 +130,7 @@ def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
     assert (summary["seed"], summary["ticks"], summary["deaths"], summary["births"]) == (0, 200, 0, 0)
     assert "stopped_at" not in summary
     assert summary["wall_seconds"] > 0
+    assert 0 < summary["learner_cpu_seconds"] < summary["cpu_seconds"]
     assert summary["agent_steps_per_second"] == pytest.approx(200 / summary["wall_seconds"], rel=0.05)
     assert sum(summary["action_shares"]["agent"].values()) == pytest.approx(1.0)
     assert summary["mean_abs_deviation"]["agent"].keys() >= {"need_1", "muscle_fatigue", "sleep_fatigue"}
@@ -185,12 +186,14 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
     assert metrics == list(range(10, stopped + 1, 10))
     assert (out / "recording.rrd").stat().st_size > 0
 
-    cli("run", "--resume", str(out), "--ticks", str(stopped + 25), "--quiet")
+    before = summary
+    cli("run", "--resume", str(out), "--ticks", str(stopped + 1025), "--quiet")
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["ticks"] == stopped + 25
+    assert summary["ticks"] == stopped + 1025
     assert "stopped_at" not in summary
+    assert all(summary[key] > before[key] for key in ("wall_seconds", "cpu_seconds", "learner_cpu_seconds"))
     metrics = pq.read_table(out / "metrics.parquet")["tick"].to_pylist()
-    assert metrics == list(range(10, stopped + 26, 10))
+    assert metrics == list(range(10, stopped + 1026, 10))
 
 
 def test_a_run_that_goes_on_equals_one_that_was_never_left(crowd: Callable[..., Run]) -> None:

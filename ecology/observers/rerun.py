@@ -306,7 +306,7 @@ class RerunObserver:
             "born": self._census.born.copy(),
             "died": self._census.died.copy(),
             "stocks": census.stocks(scene.scenario, state),
-            "measures": np.array([float(m(state)) for m in self._env.scenario.measures.values()]),
+            "measures": np.array(self._env.scenario.measured(state)),
         }
         if self._sampled % SPARSE == 0:
             sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
