@@ -263,6 +263,15 @@ class Run:
         """Return the number of ticks lived."""
         return self.env.state_view.tick
 
+    def born_and_died(self) -> tuple[list[int], list[int]]:
+        """Return how many of each species were born and have died so far."""
+        removed = (self.plan.forked or {}).get("remove", ())
+        born, died, alive = [], self.tally.causes.sum(axis=1).tolist(), self.env.state_view.alive
+        for species, group, deaths in zip(self.scenario.species, self.env.groups.values(), died, strict=True):
+            gone = deaths + sum(name.rpartition("_")[0] == species.name for name in removed)
+            born.append(int(np.count_nonzero(alive[group.slots])) + gone - species.count)
+        return born, died
+
     def check_folder(self) -> None:
         """Raise EcologyError where the folder already holds a run."""
         holds = [name for name in WRITES if (self.folder / name).exists()]
@@ -523,6 +532,22 @@ def held(folder: Path, patience: float = 0.0) -> Iterator[None]:
             except OSError:  # a file system without locks
                 break
         yield
+    finally:
+        os.close(handle)
+
+
+def busy(folder: Path) -> bool:
+    """Return whether another process may be in `folder`: False where none is for certain."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return True
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        return False
+    except OSError:  # it is held, or the file system has no locks
+        return True
     finally:
         os.close(handle)
 
