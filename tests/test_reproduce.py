@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from ecology import EcologyError
+import scenarios
+from agents.base import Learner
+from ecology import Ecology, EcologyError
 from scenarios import _episodes, _reproduce, cli
 from scenarios._reproduce import Case, Ledger, Part, Row
 
@@ -147,6 +149,24 @@ def test_short_cases_agree_with_their_closed_forms(name, tmp_path):
     rows = _reproduce.rows(case, ledger)
     assert rows
     assert all(row.says() == "agrees" for row in rows)
+
+
+def test_a_walk_to_food_is_one_action(monkeypatch):
+    """Counted by actions, a walk to food is met once, with the drive at its end; counted by ticks, at every tick."""
+    env = Ecology(scenarios.load("paper_reference", arena="EASY", heading=False, start=(2.0, 2.0)))
+    env.reset_arrays(0)
+    go, drives = np.array([env.groups["agent"].actions.index("go_to_food_1")]), []
+    while not drives or env.state_view.bound_for[0] >= 0:
+        drives.append(float(env.step_arrays(go).drive[0]))
+    assert 20 < len(drives) < 30  # 2.4 lengths to the circle at 0.1 a tick
+
+    class Goes(Learner):
+        def act(self, observations, masks):
+            return go
+
+    monkeypatch.setattr(_reproduce.agents, "make", lambda name, group, seed, _: Goes(group, seed))
+    assert _reproduce._drives("EASY", "random_actions", 0, 1, 0) == drives[-1]
+    assert _reproduce._drives("EASY", "random", 0, 9, 4) == pytest.approx(np.mean(drives[4:9]), abs=1e-12)
 
 
 def test_f_and_j_learn_to_share_only_where_they_feel_it():
