@@ -69,6 +69,7 @@ class Learner(ABC):
         self.group = group
         self.size = group.size
         self.rng = np.random.default_rng(seed)
+        self.seconds = 0.0  # that acting and learning have taken, by the clock of the loop
         self.learning = True  # False: act as in evaluation, learn nothing
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -17,15 +17,21 @@ def run(
     tick: Tick,
     ticks: int,
     observers: Iterable[Observer] = (),
+    clock: Callable[[], float] = float,
 ) -> Tick:
-    """Live for `ticks` ticks from `tick` (as `env.reset_arrays` returned it) and return the last one."""
+    """Live for `ticks` ticks from `tick` (as `env.reset_arrays` returned it) and return the last one.
+
+    What acting and learning take by `clock`, seconds, is added to `learner.seconds`; by default it stands still.
+    """
     observers = tuple(observers)
     groups = [(group, learners[group.name]) for group in env.groups.values()]
     actions = np.zeros(env.size, np.int64)
     for _ in range(ticks):
         before = tick
         for group, learner in groups:
+            began = clock()
             chosen = learner.act(before.observations[group.name], before.masks[group.name])
+            learner.seconds += clock() - began
             try:
                 actions[group.slots] = chosen
             except (TypeError, ValueError) as error:
@@ -38,6 +44,7 @@ def run(
         changed = bool((tick.died | tick.born).any())
         for group, learner in groups:
             if learner.learning:
+                began = clock()
                 learner.learn(
                     Transition(
                         observations=before.observations[group.name],
@@ -48,6 +55,7 @@ def run(
                         alive=alive[group.slots],
                     )
                 )
+                learner.seconds += clock() - began
             if changed:
                 _pass_on(group, learner, tick)
         if observers:

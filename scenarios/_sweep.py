@@ -29,10 +29,11 @@ from typing import Any
 import numpy as np
 
 from ecology import EcologyError
-from scenarios._plan import CONFIG, Plan, resolve
-from scenarios._run import SUMMARY, StoppedError, held, replace_text, writable
+from scenarios._plan import CONFIG, Plan, read_config, resolve
+from scenarios._run import SUMMARY, StoppedError, held, opened, replace_text, writable, write_json
 
 TABLE, FIGURE, RUNS = "sweep.parquet", "sweep.png", "runs"  # what the folder of a sweep holds
+LEARNED = "learned_drive"  # key of the summary of a run that was measured after it
 RETRIES = 3  # times that a run is begun or gone on with again after its process died
 PATIENCE = 60.0  # seconds for which a run waits for the last process in its folder to end
 CONFIDENCE = 0.95
@@ -40,7 +41,7 @@ LONGEST = 100  # characters of a run's name
 DPI = 130
 USER_ERROR = 2  # exit code that another attempt would not change
 
-Attempt = Callable[[Path, threading.Event], tuple[int, str]]  # folder, stop -> exit code, what it said
+Attempt = Callable[["Cell", threading.Event], tuple[int, str]]  # run, stop -> exit code, what it said
 
 
 # ---- what is to be lived -----------------------------------------------------------------------
@@ -53,11 +54,17 @@ class Cell:
     plan: Plan
     varied: Mapping[str, Any]  # "set.KEY", "learner": what was typed, the seed aside
     folder: Path
+    evaluate: bool = False  # whether what was learned is measured after the run
 
     @property
     def name(self) -> str:
         """Return the name of the run's folder."""
         return self.folder.name
+
+    @property
+    def measure(self) -> str:
+        """Return the key of the summary that the figure shows."""
+        return LEARNED if self.evaluate else "mean_drive"
 
 
 def seeds_of(text: str) -> list[int]:
@@ -96,6 +103,7 @@ def cells_of(
     seeds: Sequence[int],
     settings: Mapping[str, Sequence[Any]],
     learners: Sequence[str] = (),
+    evaluate: bool = False,
     **flags: Any,
 ) -> list[Cell]:
     """Return every run of a sweep, each plan resolved and checked; seeds vary fastest.
@@ -121,7 +129,8 @@ def cells_of(
         several = {axis: varied[axis] for axis in axes if len(axes[axis]) > 1}
         for seed in seeds:
             name = _name(several, seed)
-            cells[name] = Cell(plan=replace(plan, seed=seed), varied=varied, folder=out / RUNS / name)
+            folder = out / RUNS / name
+            cells[name] = Cell(plan=replace(plan, seed=seed), varied=varied, folder=folder, evaluate=evaluate)
     return list(cells.values())
 
 
@@ -135,10 +144,16 @@ def _name(varied: Mapping[str, Any], seed: int) -> str:
 
 
 def finished(cell: Cell) -> dict[str, Any] | None:
-    """Return the summary of a run that has come to its end, None of one that has not."""
+    """Return the summary of a run that has come to its end, and is measured if it is to be; else None."""
+    told = _lived_to(cell.folder, cell.plan.ticks)
+    return told if told is not None and cell.measure in told else None
+
+
+def _lived_to(folder: Path, ticks: int) -> dict[str, Any] | None:
+    """Return the summary of a run that has lived its `ticks`, None of one that has not."""
     try:
-        told = json.loads((cell.folder / SUMMARY).read_text(encoding="utf-8"))
-        return told if told["ticks"] == cell.plan.ticks and "stopped_at" not in told else None
+        told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        return told if told["ticks"] == ticks and "stopped_at" not in told else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
 
@@ -224,7 +239,7 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
                     replace_text(cell.folder / CONFIG, cell.plan.to_toml())
         except EcologyError as error:
             return Outcome(cell, None, str(error), USER_ERROR)
-        code, said = attempt(cell.folder, stop)
+        code, said = attempt(cell, stop)
         summary = finished(cell)
         if summary is not None:
             return Outcome(cell, summary)
@@ -237,11 +252,12 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
     return Outcome(cell, None, "stopped" if stop.is_set() else said, USER_ERROR if code == USER_ERROR else 1)
 
 
-def by_process(folder: Path, stop: threading.Event) -> tuple[int, str]:
-    """Live the run in `folder` in a process of one thread; return its exit code and its last line of error."""
+def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
+    """Live a run in a process of one thread; return its exit code and its last line of error."""
+    words = (["--evaluate"] if cell.evaluate else []) + [str(cell.folder)]
     with tempfile.TemporaryFile() as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "scenarios._sweep", str(folder)],
+            [sys.executable, "-m", "scenarios._sweep", *words],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=errors,
@@ -281,8 +297,8 @@ def by_ray(address: str) -> tuple[Attempt, int]:
         ) from error
     task = ray.remote(num_cpus=1, max_retries=0)(_in_worker)
 
-    def attempt(folder: Path, stop: threading.Event) -> tuple[int, str]:
-        under_way = task.remote(str(folder))
+    def attempt(cell: Cell, stop: threading.Event) -> tuple[int, str]:
+        under_way = task.remote(cell)
         while not ray.wait([under_way], timeout=0.2)[0]:
             if stop.is_set():
                 ray.cancel(under_way)
@@ -294,13 +310,13 @@ def by_ray(address: str) -> tuple[Attempt, int]:
     return attempt, max(1, int(ray.cluster_resources().get("CPU", 1)))
 
 
-def _in_worker(folder: str) -> tuple[int, str]:
-    """Live the run in `folder` on a machine of the cluster; a cancelled task stops it as Ctrl-C would."""
-    return by_process(Path(folder), threading.Event())
+def _in_worker(cell: Cell) -> tuple[int, str]:
+    """Live a run on a machine of the cluster; a cancelled task stops it as Ctrl-C would."""
+    return by_process(cell, threading.Event())
 
 
 def _process() -> None:
-    """Be the process of one run: stop when standard input closes."""
+    """Be the process of one run: live what is left of it, measure it; stop when standard input closes."""
     from scenarios import cli
 
     def listen() -> None:
@@ -309,10 +325,35 @@ def _process() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=listen, daemon=True).start()
-    folder = Path(sys.argv[1])
+    folder = Path(sys.argv[-1])
     with contextlib.suppress(EcologyError), held(folder, patience=PATIENCE):
         pass  # the last process in the folder has ended
-    cli.main(["run", "--resume", str(folder), "--quiet"])
+    evaluate = "--evaluate" in sys.argv
+    if not evaluate or _lived_to(folder, resolve(config=read_config(folder / CONFIG)).ticks) is None:
+        try:
+            cli.main(["run", "--resume", str(folder), "--quiet"])
+        except SystemExit as left:
+            if left.code or not evaluate:
+                raise
+    try:
+        measure(folder)
+    except EcologyError as error:
+        print(f"ecology: {error}", file=sys.stderr)
+        sys.exit(USER_ERROR)
+
+
+def measure(folder: Path) -> None:
+    """Add to the summary of a run what the learner of its first species has learned."""
+    from agents import evaluation  # slow to load
+    from scenarios import cli
+
+    run = opened(folder, device="cpu")
+    run.restore()
+    learner = next(iter(run.learners.values()))
+    seed = run.plan.seed + cli.EVALUATION_SEED
+    drives = evaluation.mean_drive(run.scenario, learner, cli.EVALUATED, seed, cli.SKIPPED)
+    told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    write_json(folder / SUMMARY, told | {LEARNED: float(drives.mean()) if len(drives) else None})
 
 
 # ---- what it came to ---------------------------------------------------------------------------
@@ -362,7 +403,7 @@ def sum_up(out: Path, done: Sequence[Outcome], title: str) -> list[Path]:
     found = points(ordered)
     if not found:  # nobody lived
         return [out / TABLE]
-    draw(out / FIGURE, found, title)
+    draw(out / FIGURE, found, title, ordered[0].cell.measure.replace("_", " "))
     return [out / TABLE, out / FIGURE]
 
 
@@ -383,7 +424,7 @@ def points(outcomes: Iterable[Outcome]) -> list[Point]:
 
     groups: dict[str, tuple[Mapping[str, Any], list[float]]] = {}
     for outcome in outcomes:
-        drive = (outcome.summary or {}).get("mean_drive")
+        drive = (outcome.summary or {}).get(outcome.cell.measure)
         if drive is not None:
             groups.setdefault(repr(outcome.cell.varied), (outcome.cell.varied, []))[1].append(drive)
     found = []
@@ -396,7 +437,7 @@ def points(outcomes: Iterable[Outcome]) -> list[Point]:
     return found
 
 
-def draw(path: Path, found: Sequence[Point], title: str) -> None:
+def draw(path: Path, found: Sequence[Point], title: str, what: str) -> None:
     """Draw the mean drives over the first setting that varies, a line for every choice of the others."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -429,7 +470,7 @@ def draw(path: Path, found: Sequence[Point], title: str) -> None:
     if not numeric:
         ax.set_xticks(range(len(words)), words)
     ax.set_xlabel(first.removeprefix("set."))
-    ax.set_ylabel("mean drive, drive units (less is better)")
+    ax.set_ylabel(f"{what}, drive units (less is better)")
     runs = sorted({point.runs for point in found})
     ax.set_title(f"{title}: mean and 95 % t interval over {'-'.join(map(str, runs))} seeds", fontsize=11)
     if others:

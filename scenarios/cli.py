@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import logging
 import math
 import os
 import re
 import signal
-import subprocess
 import sys
+import tempfile
+import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -29,13 +31,18 @@ import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import nearest
 from ecology.observers.base import Mind, Observer
+from ecology.observers.wishes import Wishes
 from scenarios import _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
 
+if TYPE_CHECKING:
+    from ecology.observers.page import Page
+
 REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
 EVALUATION_SEED = 1_000  # added to the run's seed: an evaluation draws other numbers than the life
+EVALUATED = 10_000  # ticks of every life of an evaluation
 RECORD = "on"  # what a bare --record stands for
 WIDE = 180  # characters of the certificate where there is no terminal
 CHECKED = 200  # ticks of a life in `ecology check`
@@ -237,6 +244,19 @@ def _live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
         _say(it.folder, summary)
 
 
+@app.command()
+def focus(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that is alive.")],
+    who: Annotated[str, typer.Argument(metavar="WHO", help="An agent (prey_17), a species, or hungriest.")],
+) -> None:
+    """Bring someone else into focus in a run that is recorded or watched."""
+    from ecology.observers import wishes
+
+    if not (run / _run.CONFIG).is_file():
+        raise EcologyError(f"the folder {str(run)!r} holds no run: there is no {_run.CONFIG} in it.")
+    print(wishes.ask(run, who, lambda: _run.busy(run)))
+
+
 def _refuse(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
@@ -284,6 +304,7 @@ def _watchers(
     if focus and not (it.plan.record or view or serve or connect):
         raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
     Focus.of(it.env, focus)  # whom nobody can be is told before anything is written
+    wishes = Wishes(it.folder)
     if it.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
@@ -301,44 +322,50 @@ def _watchers(
             detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
             name=it.folder.name,
             resume=resume,
+            before=it.born_and_died(),
+            wishes=wishes,
         )
         observers.append(rerun)
         if rerun.url is not None:
-            observers.append(Audience(rerun.url, view=view, serve=serve))
+            observers.append(Audience(rerun.url, wishes, view=view, serve=serve))
     return observers
 
 
 class Audience:
-    """Opens viewers on a run that serves, an observer: the viewer itself, or one for browsers."""
+    """Opens viewers on a run that serves, an observer: the viewer itself, or a page that tells of clicks."""
 
-    def __init__(self, url: str, *, view: bool, serve: bool) -> None:
+    def __init__(self, url: str, wishes: Wishes, *, view: bool, serve: bool) -> None:
         from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, needs_display
 
         if view:
             needs_display("use --serve and look from a browser")
         if serve:
             free_port(LOOPBACK, WEB_PORT)
-        self._url, self._view, self._serve = url, view, serve
-        self._for_browsers: subprocess.Popen[bytes] | None = None
+        self._url, self._wishes, self._view, self._serve = url, wishes, view, serve
+        self._page: Page | None = None
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Open them: what they attach to is there by now."""
         from ecology.observers import viewer
+        from ecology.observers.page import Page
 
         if self._view:
             viewer.attach(self._url)
         if self._serve:
-            self._for_browsers, address = viewer.serve_browser(self._url)
-            print(f"watch in a browser: {address}\nor in a viewer: rerun --connect {self._url}")
+            try:
+                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=viewer.WEB_PORT)
+                print(f"watch in a browser: {self._page.url}")
+            except EcologyError as error:
+                logging.getLogger("ecology").warning("%s The run goes on.", error)
+            print(f"watch in a viewer: rerun --connect {self._url}")
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Leave the watching to the viewers."""
 
     def end(self) -> None:
         """Serve browsers no more; a viewer that was opened stays."""
-        if self._for_browsers is not None:
-            self._for_browsers.terminate()
-            self._for_browsers.wait()
+        if self._page is not None:
+            self._page.close()
 
 
 class Progress:
@@ -496,6 +523,9 @@ def sweep(
         str | None, typer.Option(metavar="ADDRESS", help="Live on a Ray cluster; `local` starts one here.")
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
+    evaluate: Annotated[
+        bool, typer.Option("--evaluate", help="Measure what each has learned, as `ecology evaluate` does.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
@@ -504,8 +534,8 @@ def sweep(
     settings: dict[str, list[Any]] = dict(map(_sweep.values_of, set_ or ()))
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = _sweep.cells_of(
-        scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), ticks=ticks,
-        record=record,
+        scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
+        ticks=ticks, record=record,
     )  # fmt: skip
     for cell in cells:
         _sweep.check(cell)
@@ -515,14 +545,14 @@ def sweep(
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
     with _run.writable(out):
         out.mkdir(parents=True, exist_ok=True)
-    console = Console(stderr=True, quiet=quiet)
+    console, what = Console(stderr=True, quiet=quiet), cells[0].measure.replace("_", " ")
     with _run.held(out), _bar(console, len(cells), len(outcomes)) as show:
         attempt, count = (_sweep.by_process, _cpus()) if ray is None or not waiting else _sweep.by_ray(ray)
 
         def tell(outcome: _sweep.Outcome, running: int) -> None:
             outcomes.append(outcome)
-            drive = None if outcome.summary is None else outcome.summary["mean_drive"]
-            console.print(f"{outcome.cell.name}: {outcome.failed or f'mean drive {_figure(drive)}'}", highlight=False)
+            drive = None if outcome.summary is None else outcome.summary[outcome.cell.measure]
+            console.print(f"{outcome.cell.name}: {outcome.failed or f'{what} {_figure(drive)}'}", highlight=False)
             show(f"{running} under way")
 
         try:
@@ -536,7 +566,7 @@ def sweep(
             with _run.writable(out):
                 written = _sweep.sum_up(out, done, title=Path(scenario).stem)
             if not quiet:
-                _say_sweep(_sweep.points(done))
+                _say_sweep(_sweep.points(done), what)
                 print(
                     f"{len(done)} of {len(cells)} runs are whole. Written: {', '.join(map(str, written)) or 'nothing'}"
                 )
@@ -569,10 +599,10 @@ def _bar(console: Console, total: int, done: int) -> Iterator[Callable[[str], No
         yield lambda words: bar.update(task, advance=1, description=words)
 
 
-def _say_sweep(found: Sequence[Any]) -> None:
-    """Print the mean drives of a sweep as a table."""
+def _say_sweep(found: Sequence[Any], what: str) -> None:
+    """Print the drives of a sweep as a table."""
     if found:
-        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", "mean drive", "95 % interval")
+        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", what, "95 % interval")
         for point in found:
             interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
             words = map(str, (*point.varied.values(), point.runs))
@@ -646,7 +676,7 @@ def bench(
 def evaluate(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     species: Annotated[str | None, typer.Option(help="Whose learner.  [default: the first]")] = None,
-    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = 10_000,
+    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = EVALUATED,
     places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
     seed: Annotated[int | None, typer.Option(min=0, help="[default: the run's + 1000]")] = None,
     in_: Annotated[
@@ -807,23 +837,57 @@ def _long(seconds: float) -> str:
 @app.command()
 def view(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
+    focus: Annotated[
+        str | None, typer.Option(metavar="WHO", help="An agent (prey_17) whose life is drawn, or a species.")
+    ] = None,
+    serve: Annotated[
+        bool, typer.Option("--serve", help="Show it in a browser, where a click brings an agent into focus.")
+    ] = False,
     screenshot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
     ] = None,
     tick: Annotated[int | None, typer.Option(min=0, help="Of the picture.  [default: the last]")] = None,
 ) -> None:
     """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
-    if screenshot is not None:
-        from ecology.observers import rerun  # slow to load
-
-        rerun.screenshot(run, screenshot, tick=tick)
-        print(f"written: {screenshot}")
-        return
-    if tick is not None:
+    if tick is not None and screenshot is None:
         raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
+    if serve and screenshot is not None:
+        raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
     from ecology.observers import viewer  # only here is a viewer looked for
 
-    viewer.view(run)
+    with contextlib.ExitStack() as stack:
+        if focus is not None or serve:
+            from ecology.observers.hindsight import Hindsight  # slow to load
+
+            if not (run / _run.CONFIG).is_file():
+                raise EcologyError(
+                    f"--focus and --serve need the world of a run: there is no {_run.CONFIG} in {str(run)!r}; give "
+                    "the folder of the run."
+                )
+            world = resolve(config=read_config(run / _run.CONFIG)).load()
+            past = Hindsight(stack.enter_context(viewer.complete(run)), world, run.absolute().name)
+            run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / _run.RECORDING)
+        if serve:
+            from ecology.observers.page import Page
+
+            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=viewer.WEB_PORT)
+            stack.callback(page.close)
+            print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                _wait()
+        elif screenshot is not None:
+            from ecology.observers import rerun  # slow to load
+
+            rerun.screenshot(run, screenshot, tick=tick)
+            print(f"written: {screenshot}")
+        else:
+            viewer.view(run)
+
+
+def _wait() -> None:
+    """Wait for Ctrl-C, or to be ended."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    threading.Event().wait()
 
 
 @app.command()

@@ -65,9 +65,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Live runs in this process instead of one of their own, and return the list of those begun."""
     begun: list[str] = []
 
-    def attempt(folder: Path, stop: threading.Event) -> tuple[int, str]:
-        begun.append(folder.name)
-        run = _run.opened(folder)
+    def attempt(cell: _sweep.Cell, stop: threading.Event) -> tuple[int, str]:
+        begun.append(cell.name)
+        run = _run.opened(cell.folder)
         run.resume()
         run.live()
         return 0, ""
@@ -164,6 +164,22 @@ def test_a_finished_run_is_never_run_twice(sweep: Sweep, quick: list[str]) -> No
     assert quick[6:] == ["decay=0.01_seed=1"]
     assert (folder / "checkpoint/checkpoint.json").read_bytes() == kept
     assert json.loads((folder / "summary.json").read_text())["mean_drive"] == summary["mean_drive"]
+
+
+def test_what_was_learned_is_measured_after_the_run(sweep: Sweep) -> None:
+    """With --evaluate the table holds the drive that `ecology evaluate` finds; what is lived is not lived again."""
+    assert sweep("--seeds", "0")[0] == 0
+    lived = rows()
+    code, out, err = sweep("--seeds", "0,4", "--evaluate")
+    assert code == 0, err
+    assert "learned drive" in out
+    table = rows()
+    assert {key: table[key][:1] for key in lived} == lived  # its seconds too
+    with pytest.raises(SystemExit, match="0"):
+        main(["evaluate", "out/runs/seed=4", "--places", "1", "--quiet"])
+    told = json.loads(Path("out/runs/seed=4/evaluation.json").read_text())
+    assert table["learned_drive"][1] == pytest.approx(told["mean_drive"]["learned"]["mean"])
+    assert table["learned_drive"][0] != table["learned_drive"][1]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,55 @@
+"""What was learned against what it cost: read off the tables of sweeps."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from scenarios import _cost
+from scenarios._sweep import write_table
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> list[Path]:
+    """Return the folders of two sweeps: two choices with two seeds, and another learner with one."""
+    common = {"scenario": "paper", "ticks": 1000, "population.agent.mean": 2.0, "population.agent.end": 2}
+    rows = [
+        common | {"learner.agent": "hjb", "set.decay": 0.01, "set.learner.update_every": every, "seed": seed,
+                  "learned_drive": drive, "cpu_seconds": seconds, "learner_cpu_seconds": seconds / 2}
+        for every, seed, drive, seconds in [(2, 0, 1.0, 4.0), (2, 1, 2.0, 8.0), (8, 0, 3.0, 1.0), (8, 1, 4.5, 1.0)]
+    ]  # fmt: skip
+    other = rows[0] | {"learner.agent": "lean", "learned_drive": 2.5, "set.learner.width": 16}
+    del other["set.learner.update_every"]
+    for name, table in (("every", rows), ("lean", [other])):
+        (tmp_path / name).mkdir()
+        write_table(tmp_path / name / "sweep.parquet", table)
+    return [tmp_path / "every", tmp_path / "lean"]
+
+
+def test_a_choice_has_its_cost_and_its_drives(folders: list[Path]) -> None:
+    """Costs are the least of the seeds, per agent and tick; a name is learner and what it was told."""
+    found = {point.label: point for point in _cost.points(folders)}
+    assert list(found) == ["hjb, update_every 2", "lean, width 16", "hjb, update_every 8"]
+    assert found["hjb, update_every 2"].drives == {0: 1.0, 1: 2.0}
+    assert found["hjb, update_every 2"].tick == pytest.approx(1e3 * 4.0 / (1000 * 2))
+    assert found["hjb, update_every 2"].learner == pytest.approx(1e3 * 2.0 / (1000 * 2))
+    table = _cost.table(list(found.values())).splitlines()
+    assert table[2] == "| `hjb, update_every 2` | 1.000 | 2.000 | 1.00 | 2.00 | 2.00 |"
+    assert table[3].endswith("| 2.50 | - | 2.50 |")
+
+
+def test_the_figure_is_drawn(
+    folders: list[Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command prints the table and leaves a picture, camping in the world of the sweeps beside it."""
+    lines: list[float] = []
+    draw = _cost.draw
+    monkeypatch.setattr(_cost, "draw", lambda path, found, line: (lines.append(line), draw(path, found, line)))
+    out = folders[0].parent / "cost.png"
+    monkeypatch.setattr(sys, "argv", ["cost", *map(str, folders), "--out", str(out)])
+    _cost.main()
+    assert out.read_bytes()[:4] == b"\x89PNG"
+    assert lines == [pytest.approx(3.72, abs=0.01)]
+    assert "`lean, width 16`" in capsys.readouterr().out
