@@ -674,7 +674,7 @@ def test_a_resumed_recording_is_one(tmp_path):
     again.begin(env, minds)
     run(env, minds, env.put(), 20, [again])
     again.end()
-    assert len(RrdReader(str(path)).recordings()) == 1
+    assert len(RrdReader(str(path)).recordings()) == len(RrdReader(str(path)).blueprints()) == 1
     ticks, _ = column(path, "/world/agents/agent", "drive")
     assert sorted(set(ticks.tolist())) == list(range(0, TICKS + 21, 10))
     assert [p.name for p in tmp_path.iterdir()] == ["recording.rrd"]

@@ -5,6 +5,7 @@ What is drawn of them is told in drawing.py, where on the screen in layout.py; h
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import pickle
@@ -186,9 +187,23 @@ class RerunObserver:
                 self._wishes.answer(asked, str(error), done=False)
         if self._scene.crowd and self._focus.first != self._scene.first:
             self._scene.first = self._focus.first
-            if self._port or self._relay:  # a file alone keeps its first layout
-                self._show("lay_out", self._scene.first)
+            self._lay_out()
         return bool(words)
+
+    def _lay_out(self) -> None:
+        """Lay the screen out anew where somebody looks on; of several layouts in a file one is shown by chance."""
+        if self.url:  # by a stream of its own: what the run's sends goes into the file too
+            assert self._rec is not None
+            rec = rr.RecordingStream(
+                self._scene.application, recording_id=self._rec.get_recording_id(), send_properties=False
+            )
+            rec.connect_grpc(self.url)
+            Drawing(rec, self._scene).lay_out(self._scene.first)
+            with contextlib.suppress(RuntimeError):  # took too long; the run goes on
+                rec.flush(timeout_sec=relay.PATIENCE)
+            rec.disconnect()
+        if self._relay:
+            self._relay.put(pickle.dumps(("lay_out", (self._scene.first,))))
 
     def flush(self) -> None:
         """Send the samples at hand, at a checkpoint."""
@@ -236,9 +251,11 @@ class RerunObserver:
             sinks.append(rr.GrpcServerSink(self._host, self._port, server_memory_limit=MEMORY))
         self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
         if sinks:
-            self._rec.set_sinks(*sinks, default_blueprint=blueprint(self._scene))
+            self._rec.set_sinks(*sinks, default_blueprint=None if identity else blueprint(self._scene))
         open_scene(self._rec, self._scene)
         self._drawing = Drawing(self._rec, self._scene)
+        if identity:  # the file has its layout
+            self._lay_out()
 
     # ---- what a sample holds ---------------------------------------------------------------
 
