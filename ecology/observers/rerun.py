@@ -192,7 +192,7 @@ class RerunObserver:
 
     def _lay_out(self) -> None:
         """Lay the screen out anew where somebody looks on; of several layouts in a file one is shown by chance."""
-        if self.url:  # by a stream of its own: what the run's sends goes into the file too
+        if self.url:  # by a stream of its own: what `_rec` is sent goes into the file too
             assert self._rec is not None
             rec = rr.RecordingStream(
                 self._scene.application, recording_id=self._rec.get_recording_id(), send_properties=False
