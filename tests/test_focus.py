@@ -266,6 +266,28 @@ def test_who_looks_on_is_shown_another_life_first(tmp_path):
     assert len(RrdReader(str(path)).blueprints()) == 1
 
 
+def test_a_viewer_elsewhere_is_drawn_the_same(tmp_path):
+    """What it is sent is what the file holds, and another layout once another is in focus."""
+    from rerun.chunk import RrdReader
+
+    path, elsewhere, kept = tmp_path / "recording.rrd", tmp_path / "elsewhere.rrd", Wishes()
+    port = viewer.free_port(viewer.LOOPBACK, 0)
+    with viewer.viewer_process("--save", str(elsewhere), "--port", str(port)):
+        until = time.monotonic() + 60
+        while time.monotonic() < until and not elsewhere.exists():
+            time.sleep(0.1)
+        observer = rerun_observer(path, every=4, wishes=kept, connect=f"rerun+http://{viewer.LOOPBACK}:{port}/proxy")
+        live(village(1e9), observer, Hands({11: lambda: kept.click(Click("/world/agents/predator", 1))}))
+        there, here = {}, told(path, "/focus/predator/deviation")
+        while max(there, default=0) < TICKS and time.monotonic() < until:
+            there = told(viewer.mended(elsewhere, tmp_path / "whole.rrd"), "/focus/predator/deviation")
+    assert there.keys() == here.keys() == set(range(0, TICKS + 1, 4))
+    for tick, value in here.items():
+        np.testing.assert_array_equal(there[tick], value)
+    assert len(RrdReader(str(tmp_path / "whole.rrd")).blueprints()) == 2
+    assert len(RrdReader(str(path)).blueprints()) == 1
+
+
 def test_a_click_means_who_was_seen():
     """Where another has taken the slot since, or nobody lives in it, a click changes nothing."""
     env = Ecology(village())
