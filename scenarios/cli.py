@@ -876,9 +876,9 @@ def view(
             with contextlib.suppress(KeyboardInterrupt):
                 _wait()
         elif screenshot is not None:
-            from ecology.observers import rerun  # slow to load
+            from ecology.observers import screenshot as pictures  # slow to load
 
-            rerun.screenshot(run, screenshot, tick=tick)
+            pictures.screenshot(run, screenshot, tick=tick)
             print(f"written: {screenshot}")
         else:
             viewer.view(run)
@@ -905,12 +905,12 @@ def film(
 ) -> None:
     """Make a film of a stretch of a run from what it recorded: a gif, or an mp4 with the extra `film`."""
     from ecology.observers import film as films
-    from ecology.observers import rerun  # slow to load
+    from ecology.observers import readback  # slow to load
 
     target = run / "film.gif" if target is None else target
     scenario = resolve(config=read_config(run / _run.CONFIG)).load()
     films.check(target, fps)
-    frames = rerun.frames(run, scenario, from_, to)
+    frames = readback.frames(run, scenario, from_, to)
     console = Console(stderr=True, quiet=quiet)
     with console.status("drawing") as status:
 

@@ -360,7 +360,7 @@ def test_worse_than_camping_is_said_plainly(capsys: pytest.CaptureFixture[str], 
 
 def test_view_saves_a_screenshot(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """--screenshot draws the tick that was asked for; --tick alone, and a file that exists, are errors."""
-    from ecology.observers import rerun
+    from ecology.observers import screenshot
 
     run = ("run", "paper", "--ticks", "20", "--learner", "random", "--out", "mine", "--quiet")
     assert ecology(*run)[0] == 0
@@ -373,7 +373,7 @@ def test_view_saves_a_screenshot(ecology: Command, monkeypatch: pytest.MonkeyPat
     assert "'there.png'" in err
     assert Path("there.png").read_text() == "mine"
     drawn = []
-    monkeypatch.setattr(rerun, "screenshot", lambda *words, **more: drawn.append((words, more)))
+    monkeypatch.setattr(screenshot, "screenshot", lambda *words, **more: drawn.append((words, more)))
     code, out, _ = ecology("view", "mine", "--screenshot", "new.png", "--tick", "5")
     assert (code, out) == (0, "written: new.png\n")
     assert drawn == [((Path("mine"), Path("new.png")), {"tick": 5})]
@@ -404,12 +404,12 @@ def test_view_needs_a_recording(ecology: Command, short: Command) -> None:
 
 def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """--focus draws an agent's life, and --serve answers clicks with one; who was not there is an error."""
-    from ecology.observers import page, rerun, viewer
+    from ecology.observers import page, readback, screenshot, viewer
 
     run = ("run", "predator_prey", "--ticks", "20", "--learner", "random", "--out", "mine", "--quiet")
     assert ecology(*run)[0] == 0
     drawn = []
-    monkeypatch.setattr(rerun, "screenshot", lambda run, *_, **__: drawn.append(rerun._column(
+    monkeypatch.setattr(screenshot, "screenshot", lambda run, *_, **__: drawn.append(readback.column(
         run, "/chosen/prey_3/drive", "Scalars:scalars").keys()))  # fmt: skip
     assert ecology("view", "mine", "--focus", "prey_3", "--screenshot", "new.png")[0] == 0
     assert drawn == [{0, 10, 20}]
@@ -481,10 +481,10 @@ def test_focus_turns_a_run_that_is_alive(ecology: Command) -> None:
 
 def test_births_and_deaths_are_counted_on(ecology: Command) -> None:
     """What a resumed run, and a fork, say was born and has died so far goes on from where it was."""
-    from ecology.observers import rerun
+    from ecology.observers import readback
 
     def flow(run: str) -> dict[int, list[float]]:
-        found = rerun._column(Path(run, "recording.rrd"), "/population/flow", "Scalars:scalars")
+        found = readback.column(Path(run, "recording.rrd"), "/population/flow", "Scalars:scalars")
         return {tick: value.tolist() for tick, value in found.items()}
 
     run = ("run", "predator_prey", "--learner", "random", "--quiet")
@@ -494,7 +494,7 @@ def test_births_and_deaths_are_counted_on(ecology: Command) -> None:
     assert min(flow("whole")[200]) >= 0
     assert max(flow("whole")[200]) > 0
     assert flow("mine") == flow("whole")
-    dead = rerun._column(Path("whole", "recording.rrd"), "/world/agents/prey", "serial")[200][0]
+    dead = readback.column(Path("whole", "recording.rrd"), "/world/agents/prey", "serial")[200][0]
     assert ecology("fork", "whole", "--at", "200", "--remove", f"prey_{dead}", "--out", "fork", "--quiet")[0] == 0
     assert flow("fork")[200] == flow("whole")[200]
 

@@ -1,18 +1,21 @@
 """Who is in focus: changed by clicks and words while a run lives, and after the fact; the run lives as it would."""
 # ruff: noqa: D102
 
+import contextlib
 import http.client
 import json
 import re
 import threading
+import time
 import types
+import warnings
 
 import numpy as np
 import pytest
 from test_observers import TICKS, Wanderer, Witness, column, live, many, one, rerun_observer, told, village
 
 from ecology import Ecology, EcologyError
-from ecology.observers import census, page, wishes
+from ecology.observers import census, page, viewer, wishes
 from ecology.observers.wishes import Click, Wishes
 
 GARBAGE = {
@@ -228,9 +231,61 @@ def test_a_click_brings_an_agent_into_focus(tmp_path):
     for tick in range(16, TICKS + 1, 4):
         assert names[tick] == f"prey_{row}"
         assert values[tick] == pytest.approx(witness.states[tick].internal[row, 0] - 2.0, abs=1e-5)
-    assert len(RrdReader(str(path)).blueprints()) == 2  # another life is shown first
+    assert len(RrdReader(str(path)).blueprints()) == 1  # of several, one would be shown by chance
     words = [text[0] for text in column(path, "/events/prey", "TextLog:text")[1]]
     assert f"now in focus: prey_{row}" in words
+
+
+def test_who_looks_on_is_shown_another_life_first(tmp_path):
+    """A viewer is sent the layout for the one that was clicked, and one of a run that is gone on; the file has one."""
+    from rerun.chunk import RrdReader
+
+    path, kept, shown, words = tmp_path / "recording.rrd", Wishes(), [], {"every": 4, "serve": ("127.0.0.1", 0)}
+
+    def look():
+        """Count the layouts that a viewer is sent, 60 seconds at most."""
+        target = tmp_path / f"{len(shown)}.rrd"
+        with viewer.viewer_process(observer.url, "--save", str(target), "--port", "auto"):
+            until = time.monotonic() + 60
+            found = []
+            while len(found) < 2 - len(shown) and time.monotonic() < until:
+                time.sleep(0.2)
+                with contextlib.suppress(RuntimeError), warnings.catch_warnings(action="ignore"):
+                    found = RrdReader(str(target)).blueprints()
+        shown.append(len(found))
+
+    observer = rerun_observer(path, wishes=kept, **words)
+    deeds = {11: lambda: kept.click(Click("/world/agents/predator", 1)), 21: look}
+    env = live(village(1e9), observer, Hands(deeds))
+    assert len(RrdReader(str(path)).blueprints()) == 1
+    observer = rerun_observer(path, resume=True, **words)
+    observer.begin(env, {g.name: Wanderer(g, np.random.SeedSequence(6)) for g in env.groups.values()})
+    look()
+    observer.end()
+    assert shown == [2, 1]
+    assert len(RrdReader(str(path)).blueprints()) == 1
+
+
+def test_a_viewer_elsewhere_is_drawn_the_same(tmp_path):
+    """What it is sent is what the file holds, and another layout once another is in focus."""
+    from rerun.chunk import RrdReader
+
+    path, elsewhere, kept = tmp_path / "recording.rrd", tmp_path / "elsewhere.rrd", Wishes()
+    port = viewer.free_port(viewer.LOOPBACK, 0)
+    with viewer.viewer_process("--save", str(elsewhere), "--port", str(port)):
+        until = time.monotonic() + 60
+        while time.monotonic() < until and not elsewhere.exists():
+            time.sleep(0.1)
+        observer = rerun_observer(path, every=4, wishes=kept, connect=f"rerun+http://{viewer.LOOPBACK}:{port}/proxy")
+        live(village(1e9), observer, Hands({11: lambda: kept.click(Click("/world/agents/predator", 1))}))
+        there, here = {}, told(path, "/focus/predator/deviation")
+        while max(there, default=0) < TICKS and time.monotonic() < until:
+            there = told(viewer.mended(elsewhere, tmp_path / "whole.rrd"), "/focus/predator/deviation")
+    assert there.keys() == here.keys() == set(range(0, TICKS + 1, 4))
+    for tick, value in here.items():
+        np.testing.assert_array_equal(there[tick], value)
+    assert len(RrdReader(str(tmp_path / "whole.rrd")).blueprints()) == 2
+    assert len(RrdReader(str(path)).blueprints()) == 1
 
 
 def test_a_click_means_who_was_seen():

@@ -85,9 +85,26 @@ def test_only_physics_imports_pymunk():
 
 
 def test_only_the_viewer_imports_rerun():
-    """The viewer stays behind those who record and who look back."""
+    """The viewer stays behind those who record, draw, and look back; what they draw is plain data."""
     found = set().union(*(importing("rerun", package) for package in PACKAGES))
-    assert found <= {"ecology/observers/rerun.py", "ecology/observers/hindsight.py"}
+    names = ("rerun", "relay", "drawing", "backdrop", "layout", "readback", "screenshot", "hindsight")
+    assert found == {f"ecology/observers/{name}.py" for name in names}
+
+
+@pytest.mark.parametrize("name", ["scene", "viewer", "census", "frame", "page"])
+def test_the_rest_of_those_who_watch_load_no_viewer(name, tmp_path):
+    """Words about what is drawn, and the viewer's process, are to be had without Rerun's library."""
+    loaded = loaded_by(f"import ecology.observers.{name}", tmp_path)
+    for heavy in ("rerun", "matplotlib", "torch"):
+        assert heavy not in loaded, f"ecology.observers.{name} loads {heavy}"
+
+
+def test_no_module_imports_what_is_private_to_another():
+    """A name with an underscore is used in its own module alone."""
+    for path in sorted((ROOT / "ecology" / "observers").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ecology"):
+                assert not [alias.name for alias in node.names if alias.name.startswith("_")], path
 
 
 def test_randomness_is_handed_in():

@@ -617,11 +617,11 @@ def test_a_film_is_made_of_what_was_recorded(tmp_path, monkeypatch):
     """Frames are the recorded ticks; a film is a new gif of them, or an mp4 where ffmpeg is installed."""
     from PIL import Image
 
-    from ecology.observers import film, rerun
+    from ecology.observers import film, readback
 
     witness, path = Witness(), tmp_path / "recording.rrd"
     env = live(village(), witness, rerun_observer(path, every=5), ticks=60)
-    frames = rerun.frames(tmp_path, env.scenario, 20, 60)
+    frames = readback.frames(tmp_path, env.scenario, 20, 60)
     assert [f.tick for f in frames] == list(range(20, 61, 5))
     state = witness.states[40]
     shown = frames[4]
@@ -646,7 +646,7 @@ def test_a_film_is_made_of_what_was_recorded(tmp_path, monkeypatch):
         with pytest.raises(EcologyError, match=word):
             film.film(env.scenario, frames, tmp_path / name)
     with pytest.raises(EcologyError, match="no recorded tick"):
-        film.film(env.scenario, rerun.frames(tmp_path, env.scenario, 61), tmp_path / "other.gif")
+        film.film(env.scenario, readback.frames(tmp_path, env.scenario, 61), tmp_path / "other.gif")
     assert not (tmp_path / "other.gif").exists()
 
 
@@ -674,7 +674,7 @@ def test_a_resumed_recording_is_one(tmp_path):
     again.begin(env, minds)
     run(env, minds, env.put(), 20, [again])
     again.end()
-    assert len(RrdReader(str(path)).recordings()) == 1
+    assert len(RrdReader(str(path)).recordings()) == len(RrdReader(str(path)).blueprints()) == 1
     ticks, _ = column(path, "/world/agents/agent", "drive")
     assert sorted(set(ticks.tolist())) == list(range(0, TICKS + 21, 10))
     assert [p.name for p in tmp_path.iterdir()] == ["recording.rrd"]
@@ -682,14 +682,14 @@ def test_a_resumed_recording_is_one(tmp_path):
 
 def test_a_recording_too_large_to_be_put_in_order_can_be_read(tmp_path, monkeypatch):
     """It is left as it was written, without an index, and is put in order by who reads it or goes on with it."""
-    from ecology.observers import rerun
+    from ecology.observers import readback, rerun
 
     monkeypatch.setattr(rerun, "TIDY", 0)
     path = tmp_path / "recording.rrd"
     env = live(one(), rerun_observer(path, every=10))
     assert not viewer.whole(path)
     ticks = list(range(0, TICKS + 1, 10))
-    assert [f.tick for f in rerun.frames(path, env.scenario, 0)] == ticks
+    assert [f.tick for f in readback.frames(path, env.scenario, 0)] == ticks
     again = rerun_observer(path, every=10, resume=True)
     again.begin(env, {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))})
     again.end()
@@ -750,9 +750,9 @@ def test_a_killed_recording_opens(tmp_path):
 
 def test_a_viewer_that_is_not_there_stops_nothing(tmp_path, caplog, monkeypatch):
     """A run that streams to nobody goes on at once, and says so once."""
-    from ecology.observers import rerun
+    from ecology.observers import relay
 
-    monkeypatch.setattr(rerun, "PATIENCE", 0.5)
+    monkeypatch.setattr(relay, "PATIENCE", 0.5)
     url = f"rerun+http://127.0.0.1:{viewer.free_port('127.0.0.1', 0)}/proxy"
     with caplog.at_level(logging.WARNING, "ecology"):
         live(one(), rerun_observer(every=1, connect=url))
@@ -831,27 +831,26 @@ def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
     """It is drawn without the viewer's bar; a file that is there, or a panel that is not drawn, is an error."""
     from PIL import Image
 
-    rerun = pytest.importorskip("ecology.observers.rerun")
-    experimental = pytest.importorskip("rerun.experimental")
+    screenshot = pytest.importorskip("ecology.observers.screenshot")
     live(one(), rerun_observer(tmp_path / "recording.rrd", every=10))
     picture_, client = tmp_path / "shown.png", Drawing([])
-    monkeypatch.setattr(experimental, "ViewerClient", client)
-    monkeypatch.setattr(rerun, "SETTLING", 0.0)
+    monkeypatch.setattr(screenshot, "ViewerClient", client)
+    monkeypatch.setattr(screenshot, "SETTLING", 0.0)
     process = types.SimpleNamespace(poll=lambda: None)
-    monkeypatch.setattr(rerun, "viewer_process", lambda *_: contextlib.nullcontext(process))
-    rerun.screenshot(tmp_path, picture_, tick=20)
+    monkeypatch.setattr(screenshot, "viewer_process", lambda *_: contextlib.nullcontext(process))
+    screenshot.screenshot(tmp_path, picture_, tick=20)
     assert client.at == [20]
     with Image.open(picture_) as shown:
-        assert shown.size == (3200, 1800 - 2 * rerun.BAR)
+        assert shown.size == (3200, 1800 - 2 * screenshot.BAR)
     for name, word in (("shown.png", "exists"), ("shown.jpg", r"\.png"), ("nowhere/shown.png", "no folder")):
         with pytest.raises(EcologyError, match=word):
-            rerun.screenshot(tmp_path, tmp_path / name)
+            screenshot.screenshot(tmp_path, tmp_path / name)
     client.reports.append("no shader")
     with pytest.raises(EcologyError, match="no shader"):
-        rerun.screenshot(tmp_path, tmp_path / "other.png")
+        screenshot.screenshot(tmp_path, tmp_path / "other.png")
     process.poll = lambda: 1
     with pytest.raises(EcologyError, match="no viewer could be started"):
-        rerun.screenshot(tmp_path, tmp_path / "other.png")
+        screenshot.screenshot(tmp_path, tmp_path / "other.png")
     assert not (tmp_path / "other.png").exists()
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -147,6 +149,12 @@ def stocks(scenario: Scenario, state: State) -> Floats:
     return np.array([t for t, r in zip(total, scenario.resources, strict=True) if np.isfinite(r.stock)])
 
 
+def mean(value: Floats) -> float:
+    """Return the mean of what is finite of `value` (k,), NaN of nothing."""
+    value = value[np.isfinite(value)]
+    return float(value.mean()) if value.size else np.nan
+
+
 # ---- who is looked at --------------------------------------------------------------------------
 
 
@@ -274,6 +282,36 @@ class Focus:
         """Return the name of the agent in focus."""
         serial = self.serials.get(species, -1)
         return f"{species}_{serial}" if serial >= 0 else f"no {species}"
+
+
+class Past:
+    """What the agent in focus felt at every tick, and what it had expected: J against what then happened."""
+
+    def __init__(self) -> None:
+        self._serial = -1
+        self._drive: deque[float] = deque()  # of the ticks since the oldest expectation
+        self._expected: deque[tuple[int, float]] = deque()  # tick and time
+
+    def follow(self, serial: int, drive: float) -> None:
+        """Take in the drive of a tick; another life begins anew."""
+        if serial != self._serial:
+            self._serial = serial
+            self._drive.clear()
+            self._expected.clear()
+        if self._expected:
+            self._drive.append(float(drive))
+
+    def judge(self, tick: int, now: float, gamma: float, dt: float) -> list[tuple[int, float, float]]:
+        """Note that J was told at `tick`; return (tick, time, discounted drive afterwards) of those long enough ago."""
+        met = []
+        self._expected.append((tick, now))
+        span = math.ceil(math.log(0.05) / math.log(gamma) / dt)  # ticks: what is later weighs 5 %
+        while tick - self._expected[0][0] >= span:
+            began, then = self._expected.popleft()
+            met.append((began, then, afterwards(np.array(self._drive)[:span], gamma, dt)))
+            for _ in range(self._expected[0][0] - began):
+                self._drive.popleft()
+        return met
 
 
 def afterwards(drive: Floats, gamma: float, dt: float) -> float:

@@ -105,3 +105,9 @@ def shade(name: str, value: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return the colours of `value` (...) between `low` and `high` on the scale `name`, uint8 (..., 3)."""
     share = np.clip((np.nan_to_num(value, nan=low) - low) / max(high - low, 1e-9), 0.0, 1.0)
     return scale(name)[(share * (SHADES - 1)).round().astype(int)]
+
+
+def packed(shade: np.ndarray) -> np.ndarray:
+    """Return opaque colours 0xRRGGBBAA, uint32 (...), of uint8 (..., 3)."""
+    r, g, b = (shade[..., i].astype(np.uint32) for i in range(3))
+    return (r << 24) | (g << 16) | (b << 8) | np.uint32(255)

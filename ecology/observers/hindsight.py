@@ -22,8 +22,13 @@ from rerun.chunk import RrdReader
 
 from ecology import physiology
 from ecology.env import Ecology
-from ecology.observers import maps, rerun, shapes
+from ecology.observers import maps, shapes
+from ecology.observers.backdrop import open_life
 from ecology.observers.census import HUNGRIEST, Life, without_functions
+from ecology.observers.drawing import Drawing
+from ecology.observers.layout import blueprint
+from ecology.observers.readback import plain, recording_id
+from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.observers.viewer import merged
 from ecology.observers.wishes import AGENTS, Click
 from ecology.scenario import Scenario
@@ -38,7 +43,7 @@ class Hindsight:
     def __init__(self, recording: Path, scenario: Scenario, name: str) -> None:
         """Look into the file `recording` of a run of `scenario`, which is called `name`."""
         self._path, self._lock = recording, threading.Lock()
-        self._identity = rerun.recording_id(recording)
+        self._identity = recording_id(recording)
         env = Ecology(scenario)
         self._groups = {name: group for name, group in env.groups.items() if group.size}
         there = {chunk.entity_path for chunk in RrdReader(str(recording)).stream()}
@@ -46,8 +51,8 @@ class Hindsight:
         ticks = next(iter(self._serials.values()))[0] if self._groups else np.zeros(1, int)
         require(len(ticks) > 0, f"the recording {str(recording)!r} holds no agent of this scenario.")
         drives = self._column(f"{AGENTS}/{next(iter(self._groups))}", "drive")
-        few = env.size <= rerun.FEW
-        self._scene = rerun.Scene(
+        few = env.size <= FEW
+        self._scene = Scene(
             scenario=without_functions(scenario),
             groups=self._groups,
             names={name: f"{name}_{serial[0][0]}" for name, (_, serial) in self._serials.items()},
@@ -98,7 +103,7 @@ class Hindsight:
         if not self._scene.crowd:  # one agent, which was in focus all the time
             serial = None
         chosen = {} if species is None or serial is None else {species: f"{species}_{serial}"}
-        scene = dataclasses.replace(self._scene, first=species, chosen=chosen, _acted={})
+        scene = dataclasses.replace(self._scene, first=species, chosen=chosen)
         with self._lock, tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "layer.rrd"
             rec = rr.RecordingStream(scene.application, recording_id=self._identity, send_properties=False)
@@ -106,7 +111,7 @@ class Hindsight:
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:
                 self._draw(rec, scene, species, serial)
-            rec.send_blueprint(scene.blueprint())
+            rec.send_blueprint(blueprint(scene))
             rec.flush()
             rec.disconnect()
             return path.read_bytes()
@@ -125,7 +130,7 @@ class Hindsight:
         )
         return species, int(number)
 
-    def _draw(self, rec: rr.RecordingStream, scene: rerun.Scene, name: str, serial: int) -> None:
+    def _draw(self, rec: rr.RecordingStream, scene: Scene, name: str, serial: int) -> None:
         """Draw the life of an agent, and after it a row of nothing."""
         group, who = self._groups[name], f"{name}_{serial}"
         species, entity = scene.scenario.species[group.index], f"{AGENTS}/{name}"
@@ -161,14 +166,14 @@ class Hindsight:
             drive=drive,
             mean=mean,
             reward=reward,
-            action=np.where(lives, of("action"), rerun.DEAD),
+            action=np.where(lives, of("action"), DEAD),
             place=place,
             names=[who] * len(row),
             field=field,
             sight=[np.empty((0, 2))] * len(row),
         )
-        scene.open_life(rec, name, species)
-        scene.draw_life(rec, name, species, life)
+        open_life(rec, scene, name, species)
+        Drawing(rec, scene).draw_life(name, species, life)
         if scene.decides[name] and lives.any():
             self._decided(rec, name, who, ticks[row[lives]])
 
@@ -232,7 +237,7 @@ class Hindsight:
             column = batch.column(component)
             known = column.is_valid().to_numpy(zero_copy_only=False)
             ticks = batch.column("tick").to_numpy(zero_copy_only=False)[known]
-            values = rerun.plain(column.flatten())
+            values = plain(column.flatten())
             two = pa.types.is_fixed_size_list(column.type.value_type)
             if len(ticks):
                 yield ticks, values.reshape(len(ticks), -1, 2) if two else values.reshape(len(ticks), -1)

@@ -1,0 +1,104 @@
+"""What a recording holds, read back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from rerun.chunk import RrdReader
+
+from ecology.errors import EcologyError
+from ecology.observers import colours
+from ecology.observers.frame import Frame
+from ecology.observers.scene import MARKED, STEPS
+from ecology.observers.viewer import complete
+from ecology.scenario import Scenario
+
+
+def recording_id(path: Path) -> str:
+    """Return the identity of the recording at `path`."""
+    try:
+        return RrdReader(str(path)).recordings()[0].recording_id
+    except (RuntimeError, IndexError) as error:
+        raise EcologyError(
+            f"the recording {str(path)!r} is damaged ({error}); move it away to go on with a new one."
+        ) from error
+
+
+def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: int | None = None) -> list[Frame]:
+    """Return what was recorded of a run (its folder or recording) from the tick `first` to `last`, both included.
+
+    Without `first`, as many ticks as a film has by default. Drives are as fine as their colours.
+    """
+    from ecology.observers.film import FRAMES  # slow to load
+
+    with complete(run) as source:
+        groups, start = [], 0
+        for species in scenario.species:
+            groups.append((species, slice(start, start + species.slots)))
+            start += species.slots
+        known = [column(source, f"/world/agents/{s.name}", "Points2D:positions") for s, rows in groups if s.slots]
+        ticks = np.array(sorted({tick for column in known for tick in column}), int)
+        ticks = ticks[(ticks >= (first or 0)) & (ticks <= (np.inf if last is None else last))]
+        ticks = ticks[-FRAMES:] if first is None else ticks
+        shape = (len(ticks), start)
+        place, angle, drive = np.full((*shape, 2), np.nan), np.zeros(shape), np.zeros(shape)
+        top = colours.highest_drive(scenario)
+        for species, rows in groups:
+            entity = f"/world/agents/{species.name}"
+            parts = [column(source, entity, name) for name in ("Points2D:positions", "Arrows2D:vectors")]
+            level = column(source, entity, "Points2D:class_ids") or column(source, entity, "Arrows2D:class_ids")
+            for i, tick in enumerate(ticks if species.slots else ()):
+                place[i, rows] = np.reshape(parts[0][tick], (-1, 2))
+                way = np.reshape(parts[1][tick], (-1, 2))
+                angle[i, rows] = np.arctan2(way[:, 1], way[:, 0])
+                drive[i, rows] = np.asarray(level[tick]) * top / (STEPS - 1)
+        patches = column(source, "/world/resources", "Ellipses2D:centers")
+        stock = column(source, "/world/resources/stock", "Points2D:radii")
+        marks = {kind: column(source, f"/world/marks/{kind}", "LineStrips2D:strips") for kind in MARKED}
+    time_of = scenario.dt * ticks
+    radii = np.array([r.radius for r in scenario.resources for _ in range(r.count)])
+    found = []
+    for i, tick in enumerate(ticks):
+        full = _latest(stock, tick)
+        found.append(
+            Frame(
+                tick=int(tick),
+                time=float(time_of[i]),
+                position=place[i],
+                heading=angle[i],
+                drive=drive[i],
+                patches=np.reshape(_latest(patches, tick), (-1, 2)) if patches else np.empty((0, 2)),
+                full=np.ones(len(radii)) if full is None else (np.asarray(full) / radii) ** 2,
+                marks={k: [np.reshape(strip, (-1, 2)) for strip in of.get(int(tick), ())] for k, of in marks.items()},
+            )
+        )
+    return found
+
+
+def column(path: Path, entity: str, component: str) -> dict[int, Any]:
+    """Return the values of a component of a recording by tick, in order; `path` is a whole file."""
+    found: dict[int, Any] = {}
+    for chunk in RrdReader(str(path)).stream().filter(content=entity, components=component, is_static=False):
+        batch = chunk.to_record_batch()
+        ticks, values = batch.column("tick").to_pylist(), batch.column(component)
+        found |= {tick: plain(values[i].values) for i, tick in enumerate(ticks) if values[i].is_valid}
+    return dict(sorted(found.items()))
+
+
+def plain(values: Any) -> Any:
+    """Return an Arrow array as NumPy, nested ones of one length flattened; strips of points as a list of those."""
+    if pa.types.is_list(values.type):
+        return [plain(each.values) for each in values]
+    if pa.types.is_fixed_size_list(values.type):
+        return plain(values.flatten())
+    return values.to_numpy(zero_copy_only=False)
+
+
+def _latest(column: Mapping[int, Any], tick: int) -> Any:
+    """Return the last value at or before `tick`, None without."""
+    before = [at for at in column if at <= tick]
+    return column[before[-1]] if before else None

@@ -1,0 +1,121 @@
+"""A viewer elsewhere, fed by a process of its own so that the run never waits for it."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import pickle
+import queue
+import subprocess
+import sys
+import threading
+
+import rerun as rr
+
+from ecology.observers.backdrop import open_scene
+from ecology.observers.drawing import Drawing
+from ecology.observers.layout import blueprint
+from ecology.observers.scene import Scene
+
+BACKLOG = 64 * 2**20  # bytes that may wait for a viewer elsewhere; older ones are dropped
+PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
+
+log = logging.getLogger("ecology")
+
+
+class Relay:
+    """Feeds a viewer elsewhere from a process of its own, so that the run never waits for it.
+
+    What waits is bounded by `BACKLOG` bytes; the oldest is dropped. A viewer that cannot be
+    reached, is slow or goes away is told of once, in the log, and the run goes on.
+    """
+
+    def __init__(self, url: str, scene: Scene) -> None:
+        """Start the process that streams `scene` to the viewer at `url`."""
+        self._url, self._told = url, False
+        self._waiting: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._bytes, self._lock = 0, threading.Lock()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "ecology.observers.relay", url],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "RUST_LOG": "off"},
+            start_new_session=True,
+        )
+        self._thread = threading.Thread(target=self._feed, args=(pickle.dumps(scene),), daemon=True)
+        self._thread.start()
+
+    def put(self, message: bytes) -> None:
+        """Let `message` wait for its turn, in the place of the oldest where there is no room."""
+        with self._lock:
+            self._waiting.put(message)
+            self._bytes += len(message)
+            dropped = False
+            while self._bytes > BACKLOG:
+                self._bytes -= len(self._waiting.get_nowait() or b"")
+                dropped = True
+        if dropped:
+            self._tell("is slower than the run; it is shown the newest")
+
+    def close(self) -> None:
+        """Give the viewer `PATIENCE` seconds to take what waits, then leave."""
+        self._waiting.put(None)
+        self._thread.join(PATIENCE)
+        try:
+            self._process.wait(0.1 if self._thread.is_alive() else PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._tell("did not take the end of the run")
+            self._process.kill()
+            self._process.wait()
+        self._thread.join(PATIENCE)
+
+    def _feed(self, first: bytes) -> None:
+        pipe = self._process.stdin
+        assert pipe is not None
+        message: bytes | None = first
+        try:
+            while message is not None:
+                pipe.write(len(message).to_bytes(8, "big") + message)
+                pipe.flush()
+                message = self._waiting.get()
+                with self._lock:
+                    self._bytes -= len(message or b"")
+        except OSError:
+            self._tell("cannot be reached, or went away; it is shown no more")
+        with contextlib.suppress(OSError):
+            pipe.close()
+
+    def _tell(self, what: str) -> None:
+        if not self._told:
+            self._told = True
+            log.warning("the viewer at %s %s. The run goes on.", self._url, what)
+
+
+def _relayed(url: str) -> int:
+    """Draw what comes in over stdin (from `Relay`, of the same program) in the viewer at `url`."""
+    source = sys.stdin.buffer
+    drawing: Drawing | None = None
+    while head := source.read(8):
+        message = pickle.loads(source.read(int.from_bytes(head, "big")))
+        if drawing is None:
+            scene: Scene = message
+            rec = rr.RecordingStream(scene.application)
+            rec.connect_grpc(url, default_blueprint=blueprint(scene))
+            open_scene(rec, scene)
+            drawing = Drawing(rec, scene)
+        else:
+            what, arguments = message
+            getattr(drawing, what)(*arguments)
+        try:
+            rec.flush(timeout_sec=4 * PATIENCE)
+        except RuntimeError:
+            return 1
+    rec.disconnect()
+    return 0
+
+
+if __name__ == "__main__":
+    # the process leaves at once: what a viewer that hangs has not taken must not keep it
+    os._exit(_relayed(sys.argv[1]))

@@ -1,0 +1,117 @@
+"""What is drawn of a run, and how it looks: plain data, without the viewer."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ecology.env import Group
+from ecology.observers import colours, maps, shapes
+from ecology.scenario import Scenario
+from ecology.spec import Species
+
+FEW = 100  # agents up to which every one has a trail, all its numbers and all its meals told; above, the focus alone
+BACKGROUND, FLOOR, WALL, INK = (16, 18, 22), (42, 46, 54), (225, 225, 225), (235, 235, 235)
+FAINT = (120, 124, 132)
+MARKED = {"born": INK, "died": INK, "bit": colours.BITING, "gave": colours.GIVING}
+DRIVE_SCALE, MAP_SCALE = "plasma", "viridis"
+STEPS = 64  # of the colour scale of the drive
+DEAD = 255  # action of a slot in which nobody lives
+
+
+@dataclass
+class Scene:
+    """What is drawn, where, and what it is called. Plain data, so that it can be sent."""
+
+    scenario: Scenario
+    groups: Mapping[str, Group]  # with at least one slot
+    names: Mapping[str, str]  # species -> name of its focus at the start
+    first: str | None  # species that is shown first
+    told: Mapping[str, tuple[str, ...]]  # species -> numbers that its mind reports
+    mapped: Mapping[str, bool]  # species -> whether there are deviation maps
+    decides: Mapping[str, bool]  # species -> whether its mind shows its decisions
+    coupled: tuple[str, ...]  # species with empathy
+    measures: tuple[str, ...]  # of the scenario
+    grows: bool  # whether anyone can be born
+    marks: tuple[str, ...]  # kinds of events that can come up
+    grid: maps.Grid
+    run: str
+    every: int
+    full: bool  # whether every agent's drive and reward are recorded
+    few: bool  # whether every agent has a trail
+    chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead
+
+    @property
+    def application(self) -> str:
+        """Return the name under which the viewer keeps the layout: one per scenario."""
+        return "ecology-" + re.sub(r"[^A-Za-z0-9_-]", "_", self.scenario.name)
+
+    @property
+    def crowd(self) -> bool:
+        """Return whether this is a population, not one agent."""
+        return sum(group.size for group in self.groups.values()) > 1
+
+    @property
+    def mixed(self) -> bool:
+        """Return whether there are several species: bodies have their colours, and headings show the drive."""
+        return len(self.groups) > 1
+
+    def at(self, name: str) -> str:
+        """Return where the life of a species' focus is drawn."""
+        return f"chosen/{self.chosen[name]}" if name in self.chosen else f"focus/{name}"
+
+    def colour(self, name: str) -> colours.Colour:
+        """Return the colour of a species."""
+        return colours.species_colour(self.groups[name].index, alone=not self.mixed)
+
+    @property
+    def size(self) -> float:
+        """Return the longer side of the arena."""
+        return shapes.size(self.scenario)
+
+    @property
+    def stocked(self) -> list[str]:
+        """Return the names of the resources that have a finite stock."""
+        return [r.name for r in self.scenario.resources if math.isfinite(r.stock)]
+
+    def radius(self, species: Species) -> float:
+        """Return the radius with which a body is drawn."""
+        return shapes.radius(self.scenario, species)
+
+    def _legend(self) -> list[tuple[str, colours.Colour]]:
+        """Return what the legend says besides the drive: words with their colour."""
+        found = [(name, self.colour(name)) for name in self.groups] if self.mixed else []
+        shades = colours.resource_colours(self.scenario)
+        found += [(r.name, s) for r, s in zip(self.scenario.resources, shades, strict=True) if r.count > 1]
+        found += [(shapes.KINDS[kind], MARKED[kind]) for kind in self.marks]
+        return found
+
+    def legend_rows(self) -> list[list[tuple[float, str, colours.Colour]]]:
+        """Return the rows of the legend: words with their place along x, from the arena's left side."""
+        width = np.ptp(np.array(self.scenario.arena.vertices, float)[:, 0])
+        rows: list[list[tuple[float, str, colours.Colour]]] = [[]]
+        at = 0.0
+        for word, shade in self._legend():
+            wide = self.size * (0.05 + 0.0125 * len(word))
+            if at + wide > width and rows[-1]:
+                rows.append([])
+                at = 0.0
+            rows[-1].append((at, word, shade))
+            at += wide
+        return rows if rows[0] else []
+
+    def who(self, name: str) -> str:
+        """Return what the agent in focus is called in a title: its name, or a word where it can change."""
+        if name in self.chosen:
+            return self.chosen[name]
+        return f"{name} in focus" if self.groups[name].size > 1 or self.grows else self.names[name]
+
+
+def losses(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the reported names that are losses, and the others."""
+    lost = [word for word in words if word.startswith("loss")]
+    return lost, [word for word in words if word not in lost]
