@@ -37,34 +37,40 @@ OFFSETS = [
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """One choice of settings: drives by seed, and milliseconds per agent and tick, the least of the seeds.
-
-    What else a machine does can only add to them.
-    """
+    """One choice of settings: drives by seed, and what its learners cost."""
 
     sweep: str
     label: str
     drives: Mapping[int, float]
-    learner: float  # acting and learning
+    learner: float  # acting and learning, milliseconds per agent and tick
     tick: float  # the world and those who watch too
 
 
 def points(folders: Sequence[Path]) -> list[Point]:
-    """Return the choices that were swept, those that cost most first."""
+    """Return the choices that were swept, those that cost most first.
+
+    What the world takes is the same work in every run, and tells how busy the machine was: a learner's cost is
+    its share of that, in the median over seeds, times the least that the world took in any run.
+    """
     import pyarrow.parquet as pq
 
     found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for folder in folders:
         for row in pq.read_table(folder / TABLE).to_pylist():
             found.setdefault((folder.name, label(row)), []).append(row)
+    least = min(world(row) for rows in found.values() for row in rows)
+    learner = {
+        key: least * float(np.median([cost(row, "learner_cpu_seconds") / world(row) for row in rows]))
+        for key, rows in found.items()
+    }
     return sorted(
         (
             Point(
                 sweep=sweep,
                 label=name,
                 drives={row["seed"]: row[LEARNED] for row in rows},
-                learner=min(cost(row, "learner_cpu_seconds") for row in rows),
-                tick=min(cost(row, "cpu_seconds") for row in rows),
+                learner=learner[sweep, name],
+                tick=learner[sweep, name] + least,
             )
             for (sweep, name), rows in found.items()
         ),
@@ -83,6 +89,11 @@ def cost(row: Mapping[str, Any], of: str) -> float:
     """Return milliseconds of CPU time per agent and tick."""
     agents = sum(value for key, value in row.items() if re.fullmatch(r"population\..*\.mean", key))
     return 1e3 * row[of] / (row["ticks"] * agents)
+
+
+def world(row: Mapping[str, Any]) -> float:
+    """Return the same for all but the learners."""
+    return cost(row, "cpu_seconds") - cost(row, "learner_cpu_seconds")
 
 
 def camping(scenario: str) -> float:
