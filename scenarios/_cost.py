@@ -21,19 +21,6 @@ from ecology.observers.colours import PALETTE
 from scenarios import cli
 from scenarios._sweep import DPI, LEARNED, TABLE
 
-OFFSETS = [
-    (9, 5),
-    (9, -12),
-    (-9, 5),
-    (-9, -12),
-    (0, 12),
-    (0, -20),
-    (9, 16),
-    (-9, 16),
-    (9, -24),
-    (-9, -24),
-]  # of a label
-
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
@@ -106,56 +93,47 @@ def camping(scenario: str) -> float:
 
 
 def draw(path: Path, found: Sequence[Point], line: float) -> None:
-    """Draw every choice with the range of its seeds, and the drive of camping as a `line`."""
+    """Draw every choice with the range of its seeds, numbered as in the table, and the drive of camping as a `line`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import ScalarFormatter
 
-    figure = Figure(figsize=(10, 6.2), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
+    figure = Figure(figsize=(11, 5.6), layout="constrained")
+    FigureCanvasAgg(figure)
     ax = figure.add_subplot(xscale="log", yscale="log")
     ax.axhline(line, color="0.5", linewidth=1, linestyle="--")
     ax.annotate(f"camping {line:.2f}", (1, line), xycoords=("axes fraction", "data"), xytext=(-4, 3),
                 textcoords="offset points", ha="right", fontsize=8, color="0.4")  # fmt: skip
-    marks: list[tuple[str, tuple[float, float], Any]] = []
-    for i, sweep in enumerate(dict.fromkeys(point.sweep for point in found)):
-        mine = [point for point in found if point.sweep == sweep]
-        x, drives = [point.learner for point in mine], [list(point.drives.values()) for point in mine]
-        mean = np.array([np.mean(each) for each in drives])
-        span = [mean - [min(each) for each in drives], [max(each) for each in drives] - mean]
-        colour = np.array(PALETTE[(i - 2) % len(PALETTE)]) / 255
-        ax.errorbar(x, mean, span, fmt="o", capsize=3, linewidth=1, markersize=5, color=colour)
-        marks += [(point.label, (a, b), colour) for point, a, b in zip(mine, x, mean, strict=True)]
+    colours = {
+        sweep: PALETTE[(i - 2) % len(PALETTE)] for i, sweep in enumerate(dict.fromkeys(point.sweep for point in found))
+    }
+    for number, point in enumerate(found, 1):
+        drives, mean = list(point.drives.values()), float(np.mean(list(point.drives.values())))
+        ax.errorbar(
+            point.learner, mean, [[mean - min(drives)], [max(drives) - mean]], fmt="o", capsize=3, markersize=5,
+            linewidth=1, color=np.array(colours[point.sweep]) / 255, label=f"{number}  {point.label}",
+        )  # fmt: skip
+        ax.annotate(str(number), (point.learner, max(drives)), xytext=(0, 4), textcoords="offset points", ha="center",
+                    fontsize=9)  # fmt: skip
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter(ScalarFormatter())
         axis.set_minor_formatter(ScalarFormatter())
     ax.tick_params(which="both", labelsize=8)
     ax.set_xlabel("CPU time of the learner, milliseconds per agent and tick")
-    ax.set_ylabel("mean drive of what was learned: mean and range over seeds (less is better)")
-    canvas.draw()
-    taken: list[Any] = []
-    for text, at, colour in marks:  # the first place inside at which a label lies on no other
-        for dx, dy in OFFSETS:
-            side = "center" if dx == 0 else "left" if dx > 0 else "right"
-            word = ax.annotate(text, at, xytext=(dx, dy), textcoords="offset points", ha=side, fontsize=8, color=colour)
-            box = word.get_window_extent()
-            inside = ax.bbox.containsx(box.x0) and ax.bbox.containsx(box.x1)
-            if (dx, dy) == OFFSETS[-1] or (inside and not any(box.overlaps(other) for other in taken)):
-                taken.append(box)
-                break
-            word.remove()
+    ax.set_ylabel("learned drive: mean and range over seeds (less is better)")
+    figure.legend(loc="outside right upper", fontsize=9, frameon=False)
     figure.savefig(path, dpi=DPI)
 
 
 def table(found: Sequence[Point]) -> str:
     """Return the choices as a table in markdown."""
     seeds = sorted({seed for point in found for seed in point.drives})
-    lines = [["setting", "learner, ms", "tick, ms", *(f"seed {seed}" for seed in seeds), "worst"], ["---"] * 4]
+    lines = [["", "setting", "learner, ms", "tick, ms", *(f"seed {seed}" for seed in seeds), "worst"], ["---"] * 5]
     lines[1] += ["---"] * len(seeds)
-    for point in found:
+    for number, point in enumerate(found, 1):
         drives = [f"{point.drives[seed]:.2f}" if seed in point.drives else "-" for seed in seeds]
         worst = f"{max(point.drives.values()):.2f}"
-        lines.append([f"`{point.label}`", f"{point.learner:.3f}", f"{point.tick:.3f}", *drives, worst])
+        lines.append([str(number), f"`{point.label}`", f"{point.learner:.3f}", f"{point.tick:.3f}", *drives, worst])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

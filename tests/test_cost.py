@@ -40,7 +40,7 @@ def test_a_choice_has_its_cost_and_its_drives(folders: list[Path]) -> None:
     assert found["hjb, update_every 2"].tick == pytest.approx(quiet * 2.5)
     assert found["hjb, update_every 8"].learner == pytest.approx(quiet * 0.25)
     table = _cost.table(list(found.values())).splitlines()
-    assert table[2] == "| `hjb, update_every 2` | 1.500 | 2.500 | 1.00 | 2.00 | 2.00 |"
+    assert table[2] == "| 1 | `hjb, update_every 2` | 1.500 | 2.500 | 1.00 | 2.00 | 2.00 |"
     assert table[3].endswith("| 2.50 | - | 2.50 |")
 
 
