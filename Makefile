@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 RUN := runs/paper-0
 
-.PHONY: install paper test fuzz check golden
+.PHONY: install paper test fuzz long check golden
 
 install: $(INSTALLED)
 
@@ -32,6 +32,10 @@ test: install
 # bad input, 6,000 cases of it; some ten minutes
 fuzz: install
 	ECOLOGY_FUZZ=1000 $(BIN)/pytest $(PYTEST_FLAGS) tests/test_fuzz.py
+
+# a recorded life of a million ticks: memory, names, accounts; half an hour to an hour
+long: install
+	ECOLOGY_LONG=1000000 $(BIN)/pytest $(PYTEST_FLAGS) -s tests/test_long_life.py
 
 # what every world does, written anew where it has changed: look at the difference before it is kept
 golden: install

@@ -545,6 +545,7 @@ def evaluate(
     skip: int = 1000,
     places: int = PROBES,
     name: str | None = None,
+    device: str = "cpu",
     home: Scenario | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Findings:
@@ -552,9 +553,9 @@ def evaluate(
 
     The learner stops learning for good; agents of other species rest. `slot` counts within the species
     and says whose maps and checks are meant; drives and probes are averaged over all. `name` is what the learner
-    is called in the report. `home` is the world that it was trained in, where that is another one; baselines
-    that learn do so there too. `tell` is called with a line before each part. Raises EcologyError where
-    `skip` leaves no ticks, or where the learner does not fit the world.
+    is called in the report, `device` where that says it computes. `home` is the world that it was trained in, where
+    that is another one; baselines that learn do so there too. `tell` is called with a line before each part. Raises
+    EcologyError where `skip` leaves no ticks, or where the learner does not fit the world.
     """
     if not 0 <= skip < ticks:
         raise EcologyError(f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped.")
@@ -591,6 +592,7 @@ def evaluate(
         "trained_in": None if home is None else {"scenario": home.name, "settings": dict(home.settings)},
         "species": group.name,
         "learner": name or type(learner).__name__.lower(),
+        "device": device,
         "slot": slot,
         "seed": seed,
         "ticks": ticks,

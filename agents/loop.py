@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 
 from agents.base import Learner, Transition
-from ecology import Ecology, Group, Tick
+from ecology import Ecology, EcologyError, Group, Tick
 from ecology.observers.base import Observer
 
 
@@ -30,8 +30,15 @@ def run(
         before = tick
         for group, learner in groups:
             began = clock()
-            actions[group.slots] = learner.act(before.observations[group.name], before.masks[group.name])
+            chosen = learner.act(before.observations[group.name], before.masks[group.name])
             learner.seconds += clock() - began
+            try:
+                actions[group.slots] = chosen
+            except (TypeError, ValueError) as error:
+                raise EcologyError(
+                    f"the learner of {group.name!r}, {type(learner).__name__}, must return {group.size} actions, an "
+                    f"index for every slot, got {chosen!r}."
+                ) from error
         tick = env.step_arrays(actions)
         alive = tick.alive & ~tick.born
         changed = bool((tick.died | tick.born).any())

@@ -22,7 +22,7 @@ from ecology.errors import EcologyError
 from ecology.kernels import inside_polygon
 from ecology.scenario import Scenario
 from ecology.spec import require
-from ecology.state import Ints
+from ecology.state import Ints, State
 
 ROUNDING = 1e-9  # by which an account may miss in a tick, units of the variable or 1e-9 of what went through
 HANDED_OUT = 20  # ticks whose arrays are kept and looked at again
@@ -40,15 +40,20 @@ def choose(env: Ecology, tick: Tick, rng: np.random.Generator, *, open_only: boo
     return wanted
 
 
-def check(scenario: Scenario, ticks: int) -> Iterator[tuple[str, str]]:
-    """Yield what each check holds and the reason why it is broken, "" where it is kept."""
+def check(scenario: Scenario, ticks: int) -> Iterator[tuple[str, Exception | None]]:
+    """Yield what each check holds and what was raised where it is broken, None where it is kept."""
     for holds, it in CHECKS.items():
         try:
             it(scenario, ticks)
         except Exception as error:  # also what a scenario's own rule raises
-            yield holds, str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            yield holds, error
         else:
-            yield holds, ""
+            yield holds, None
+
+
+def reason(error: Exception) -> str:
+    """Return why a check is broken, from what it raised."""
+    return str(error) if isinstance(error, EcologyError) else f"{type(error).__name__}: {error}"
 
 
 def _lives(env: Ecology, seed: int, ticks: int, *, open_share: float = 0.7) -> Iterator[tuple[Tick, Ints, Tick]]:
@@ -225,6 +230,7 @@ def _fingerprints(env: Ecology, seed: int, ticks: int) -> list[str]:
     for _, _, tick in _lives(env, seed, ticks):
         digest = hashlib.sha256()
         arrays = [*env.state_view.arrays().values(), tick.reward, *tick.observations.values(), *tick.masks.values()]
+        arrays.append(np.array(env.scenario.measured(env.state_view)))
         for values in arrays:
             digest.update(np.ascontiguousarray(values).tobytes())
         found.append(digest.hexdigest())
@@ -288,37 +294,44 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
 
 
 def accounts_close(scenario: Scenario, ticks: int) -> None:
-    """Hold every quantity to what came in less what went out, to rounding, and no stock to be below zero."""
+    """Hold every account to close after every tick."""
     env = Ecology(scenario)
     env.reset_arrays(seed=7)
     first = env.state_view.copy()
-    finite = np.isfinite(first.stock)
     for _ in _lives(env, 7, ticks):
-        now = env.state_view
-        held = first.internal + now.ingested + now.received - now.given - now.metabolised - now.lost
-        through = sum(np.abs(part) for part in (now.ingested, now.received, now.given, now.metabolised, now.lost))
-        off = np.abs(held - now.internal) > ROUNDING * np.maximum(1.0, through)
-        if off.any():
-            slot, need = (int(i) for i in np.argwhere(off)[0])
-            species = scenario.species[env._species_of[slot]]
-            name = species.needs[need].name if need < len(species.needs) else f"padding {need}"
-            require(
-                False,
-                f"tick {now.tick}: {name} of {env.name_of(slot)} is {now.internal[slot, need]!r}, its account says "
-                f"{held[slot, need]!r}.",
-            )
-        stored = first.stock[finite] + (now.grown - now.eaten)[finite]
-        through = np.maximum(1.0, (now.grown + now.eaten)[finite])
+        account_closes(env, first)
+
+
+def account_closes(env: Ecology, first: State) -> None:
+    """Hold every quantity of a world that began as `first` to what came in less what went out, to rounding.
+
+    No stock is below zero. Raises EcologyError.
+    """
+    now, scenario, finite = env.state_view, env.scenario, np.isfinite(first.stock)
+    held = first.internal + now.ingested + now.received - now.given - now.metabolised - now.lost
+    through = sum(np.abs(part) for part in (now.ingested, now.received, now.given, now.metabolised, now.lost))
+    off = np.abs(held - now.internal) > ROUNDING * np.maximum(1.0, through)
+    if off.any():
+        slot, need = (int(i) for i in np.argwhere(off)[0])
+        species = scenario.species[env._species_of[slot]]
+        name = species.needs[need].name if need < len(species.needs) else f"padding {need}"
         require(
-            bool((np.abs(stored - now.stock[finite]) <= ROUNDING * through).all()),
-            f"tick {now.tick}: the stocks are {now.stock[finite]}, their accounts say {stored}.",
+            False,
+            f"tick {now.tick}: {name} of {env.name_of(slot)} is {now.internal[slot, need]!r}, its account says "
+            f"{held[slot, need]!r}.",
         )
-        require(bool((now.stock >= 0).all()), f"tick {now.tick}: a stock is below zero, {now.stock}.")
-        eaten, ingested = float(now.eaten.sum()), float(now.ingested.sum())
-        require(
-            abs(eaten - ingested) <= ROUNDING * max(1.0, eaten),
-            f"tick {now.tick}: {eaten!r} left the stocks, {ingested!r} was eaten by bodies.",
-        )
+    stored = first.stock[finite] + (now.grown - now.eaten)[finite]
+    through = np.maximum(1.0, (now.grown + now.eaten)[finite])
+    require(
+        bool((np.abs(stored - now.stock[finite]) <= ROUNDING * through).all()),
+        f"tick {now.tick}: the stocks are {now.stock[finite]}, their accounts say {stored}.",
+    )
+    require(bool((now.stock >= 0).all()), f"tick {now.tick}: a stock is below zero, {now.stock}.")
+    eaten, ingested = float(now.eaten.sum()), float(now.ingested.sum())
+    require(
+        abs(eaten - ingested) <= ROUNDING * max(1.0, eaten),
+        f"tick {now.tick}: {eaten!r} left the stocks, {ingested!r} was eaten by bodies.",
+    )
 
 
 def names_never_return(scenario: Scenario, ticks: int) -> None:

@@ -66,6 +66,19 @@ class Scenario:
         for species in self.species:
             self._check_species(species)
 
+    def measured(self, state: State) -> list[float]:
+        """Return the measures of `state`, in their order; EcologyError where one is no number."""
+        found = []
+        for name, measure in self.measures.items():
+            value = measure(state)
+            try:
+                found.append(float(value))
+            except (TypeError, ValueError) as error:
+                raise EcologyError(
+                    f"scenario {self.name!r}: the measure {name!r} must return a number, got {value!r}."
+                ) from error
+        return found
+
     def _check_places(self) -> None:
         import shapely  # slow to load, needed once per scenario
 

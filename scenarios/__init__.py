@@ -13,6 +13,7 @@ from typing import Any
 
 from ecology import EcologyError, Scenario
 from ecology.errors import nearest
+from scenarios import _faults
 
 HERE = Path(__file__).parent
 
@@ -48,7 +49,7 @@ def module(name: str) -> ModuleType:
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:
-        raise EcologyError(f"the scenario file {str(path)!r} does not run: {type(error).__name__}: {error}.") from error
+        raise _faults.named(f"the scenario file {str(path)!r} does not run", error) from error
     if not callable(getattr(loaded, "build", None)):
         raise EcologyError(
             f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
@@ -71,9 +72,7 @@ def load(name: str, /, **changes: Any) -> Scenario:
     except EcologyError:
         raise
     except Exception as error:
-        raise EcologyError(
-            f"the scenario {name!r} cannot be built with {changes}: {type(error).__name__}: {error}."
-        ) from error
+        raise _faults.named(f"the scenario {name!r} cannot be built with {changes}", error) from error
     if not isinstance(scenario, Scenario):
         raise EcologyError(
             f"`build` of the scenario {name!r} must return an ecology.Scenario, got {type(scenario).__name__}."

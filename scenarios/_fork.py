@@ -15,7 +15,8 @@ from ecology.errors import nearest
 from ecology.kernels import inside_polygon
 from ecology.observers.base import Observer
 from ecology.spec import Oscillation
-from ecology.state import CAUSES
+from ecology.state import CAUSES, Ints
+from scenarios import _faults
 from scenarios._plan import CONFIG, read_config, resolve
 from scenarios._run import CHECKPOINT, KEPT, Run
 
@@ -31,6 +32,7 @@ def fork(
     remove: Sequence[str] = (),
     move: Mapping[str, Place] | None = None,
     ticks: int | None = None,
+    device: str | None = None,
     record: bool | None = None,
     keep_every: int | None = None,
     observers: Sequence[Observer] = (),
@@ -39,10 +41,11 @@ def fork(
 
     `run` is as opened; it goes to the last state that is known at or before `at` and lives on from
     there, watched by `observers`. `changes` are settings of the scenario and of learners, `remove` are
-    names of agents, `move` new places of resources. Raises EcologyError where they do not fit.
+    names of agents, `move` new places of resources; its learners compute on `device`, or where the run's
+    did. Raises EcologyError where they do not fit.
     """
-    plan = resolve(config=read_config(run.folder / CONFIG), changes=changes, ticks=ticks, record=record,
-                   keep_every=keep_every)  # fmt: skip
+    plan = resolve(config=read_config(run.folder / CONFIG), changes=changes, ticks=ticks, device=device,
+                   record=record, keep_every=keep_every)  # fmt: skip
     told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(changes), "remove": list(remove)}
     told["move"] = {name: list(place) for name, place in (move or {}).items()}
     if plan.ticks <= at:
@@ -53,14 +56,20 @@ def fork(
     _go_to(run, at, observers)
     parts = run.parts()
     arrays, values = parts["world"]
-    parts["world"] = _changed(run.env, arrays, remove, move or {}), values
+    gone = _slots(run.env, arrays["alive"], remove)
+    parts["world"] = _changed(run.env, arrays, gone, move or {}), values
     try:
         forked.become(parts)
     except Exception as error:
         raise EcologyError(
-            f"the run cannot go on with these settings ({error}). A fork changes numbers, not what there is in the "
-            "world, nor the shape of a learner."
+            f"the run cannot go on with these settings ({_faults.told(error)}). A fork changes numbers, not what there "
+            "is in the world, nor the shape of a learner."
         ) from error
+    for species, learner in forked.learners.items():  # as if they had died in the last tick
+        rows = forked.env.groups[species].slots
+        mine = gone[(gone >= rows.start) & (gone < rows.stop)]
+        if mine.size:
+            learner.died(mine - rows.start)
     return forked
 
 
@@ -108,17 +117,22 @@ def _check_changes(before: Scenario, after: Scenario) -> None:
             )
 
 
-def _changed(
-    env: Ecology, arrays: Mapping[str, np.ndarray], remove: Sequence[str], move: Mapping[str, Place]
-) -> dict[str, np.ndarray]:
-    """Return the arrays of a snapshot of `env` without the agents `remove`, resources being moved."""
-    arrays = {name: array.copy() for name, array in arrays.items()}
-    living = {env.name_of(slot): slot for slot in np.flatnonzero(arrays["alive"]).tolist()}
-    for name in remove:
+def _slots(env: Ecology, alive: np.ndarray, names: Sequence[str]) -> Ints:
+    """Return the slots of the agents `names`, who live (N,) in `env`, each once and in order."""
+    living = {env.name_of(slot): slot for slot in np.flatnonzero(alive).tolist()}
+    for name in names:
         if name not in living:
             raise EcologyError(f"no agent {name!r} lives at tick {env.state_view.tick}. {nearest(name, living)}")
-        arrays["alive"][living[name]] = False
-        arrays["cause"][living[name]] = CAUSES.index("rule")
+    return np.unique(np.array([living[name] for name in names], np.int64))
+
+
+def _changed(
+    env: Ecology, arrays: Mapping[str, np.ndarray], gone: Ints, move: Mapping[str, Place]
+) -> dict[str, np.ndarray]:
+    """Return the arrays of a snapshot of `env` without those in the slots `gone` (k,), resources being moved."""
+    arrays = {name: array.copy() for name, array in arrays.items()}
+    arrays["alive"][gone] = False
+    arrays["cause"][gone] = CAUSES.index("rule")
     first = 0
     patches = {}
     for resource in env.scenario.resources:

@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ from agents import loop
 from ecology import Ecology, EcologyError, Need, Scenario, Species, physiology, rest
 from ecology.errors import nearest
 from ecology.state import Ints
-from scenarios import _episodes, food_share, grid_rooms, trap
+from scenarios import _episodes, _survival, food_share, grid_rooms, trap
 from scenarios._empathy import CONDITIONS
+from scenarios._plan import world_digest
 from scenarios._run import replace_text
 
 CONFIDENCE = 0.95  # of every interval
@@ -123,6 +124,7 @@ class Case:
     parts: Callable[[], list[Part]]
     rows: Callable[[Mapping[str, Any]], list[Row]]  # by the keys of the parts; parts may be missing
     notes: list[str] = field(default_factory=list)
+    table: Callable[[Mapping[str, Any]], str] | None = None  # in Markdown, of what the rows do not hold
 
 
 # ---- closed forms of the paper, and the authors' own world -----------------------------------
@@ -149,20 +151,24 @@ def _theory() -> float:
 
 
 def _drives(arena: str, learner: str, seed: int, ticks: int, skip: int) -> float:
-    """Return the mean drive over ticks `skip` to `ticks` of a life in the authors' own world."""
-    scenario = scenarios.load("paper_reference", arena=arena, heading=learner != "random", start=(2.0, 2.0))
+    """Return the mean drive over ticks `skip` to `ticks` of a life in the authors' own world.
+
+    Of `random_actions` only the ticks count in which an action is over: a walk to food or a sleep is one.
+    """
+    name, _, counted = learner.partition("_")
+    scenario = scenarios.load("paper_reference", arena=arena, heading=name != "random", start=(2.0, 2.0))
     env = Ecology(scenario)
     group = env.groups["agent"]
     tick = env.reset_arrays(seed)
-    if learner.startswith("camping"):
-        return _camp(env, scenario, int(learner[-1]), ticks, skip)
-    mind = agents.make(learner, group, np.random.SeedSequence(seed), {})
-    tick = loop.run(env, {"agent": mind}, tick, skip)
-    drives = []
-    for _ in range(skip, ticks):
-        tick = loop.run(env, {"agent": mind}, tick, 1)
-        drives.append(float(tick.drive[0]))
-    return float(np.mean(drives))
+    if name == "camping":
+        return _camp(env, scenario, int(counted), ticks, skip)
+    mind = agents.make(name, group, np.random.SeedSequence(seed), {})
+    drives: list[float] = []
+    while len(drives) < ticks:
+        tick, state = loop.run(env, {"agent": mind}, tick, 1), env.state_view
+        if not counted or (state.hold[0] <= 0 and state.bound_for[0] < 0):
+            drives.append(float(tick.drive[0]))
+    return float(np.mean(drives[skip:]))
 
 
 def _camp(env: Ecology, scenario: Scenario, resource: int, ticks: int, skip: int) -> float:
@@ -187,6 +193,8 @@ AUTHORS: tuple[tuple[str, str, str, float, int, int, int], ...] = (
     ("MEDIUM", "rest", "doing nothing, ticks 2,001 to 4,000", 5.30, 1, 4000, 2000),
     ("EASY", "random", "random without heading, ticks 2,001 to 4,000", 2.78, 5, 4000, 2000),
     ("MEDIUM", "random", "random without heading, ticks 2,001 to 4,000", 5.34, 5, 4000, 2000),
+    ("EASY", "random_actions", "random without heading, actions 2,001 to 4,000", 2.78, 5, 4000, 2000),
+    ("MEDIUM", "random_actions", "random without heading, actions 2,001 to 4,000", 5.34, 5, 4000, 2000),
 )
 
 
@@ -198,7 +206,7 @@ def _authors_parts(camping: bool) -> list[Part]:
             def compute(arena=arena, learner=learner, seeds=seeds, ticks=ticks, skip=skip) -> list[float]:
                 return [_drives(arena, learner, seed, ticks, skip) for seed in range(seeds)]
 
-            words = {"seeds": seeds, "ticks": ticks, "skip": skip, "heading": learner != "random"}
+            words = {"seeds": seeds, "ticks": ticks, "skip": skip, "heading": not learner.startswith("random")}
             found.append(Part(f"{arena}-{learner}", words, 6.0 * seeds, compute))
     return found
 
@@ -253,6 +261,55 @@ def _commons_rows(done: Mapping[str, Any]) -> list[Row]:
     what = "most eaters with a fixed appetite that a full pool bears, 500 ticks"
     return [Row(what, [float(max(kept))], closed=threshold, tolerance=0.0)] + [
         Row("fewest that empty it", [float(min(lost))], closed=threshold + 1, tolerance=0.0) for _ in lost[:1]
+    ]
+
+
+SEEDS = {"commons": 3, "colony": 4}  # of those who learn
+
+
+def _crowd_parts(name: str, live: Callable[[Any, int], Any], values: Sequence[float], seconds: float) -> list[Part]:
+    """Return a part for every life of `name`: live(value, seed)."""
+    found = []
+    for value in values:
+        for seed in range(SEEDS[name]):
+            words = {"ticks": _survival.TICKS, "world": world_digest(scenarios.load(name))}
+
+            def compute(value=value, seed=seed) -> Any:
+                return live(value, seed)
+
+            found.append(Part(f"{value:g}-seed-{seed}", words, seconds, compute))
+    return found
+
+
+def _lives(done: Mapping[str, Any]) -> dict[float, list[Any]]:
+    """Return the lives that are done by value, in the order of their seeds."""
+    found: dict[float, list[Any]] = {}
+    for key, life in done.items():
+        found.setdefault(float(key.partition("-")[0]), []).append(life)
+    return found
+
+
+def _learners_rows(done: Mapping[str, Any]) -> list[Row]:
+    lives, ticks = _lives(done), _survival.TICKS
+    found = []
+    for n, of in lives.items():
+        emptied = [float(life["empty"] or ticks) for life in of]
+        closed = min(_survival.emptied_at(n), ticks)
+        found.append(Row(f"ticks until the pool of {n:g} learners is empty, {ticks:,} at most", emptied, closed=closed))
+    kept = [n for n, of in lives.items() if all(life["empty"] is None for life in of)]
+    if kept and len(lives) == len(_survival.NUMBERS):
+        what = "most learners of whom every pool is kept"
+        found.append(Row(what, [max(kept)], closed=_survival.bears(), tolerance=1.0))  # n is tried in steps of 2
+    return found
+
+
+def _colony_rows(done: Mapping[str, Any]) -> list[Row]:
+    given = "no number to compare with"
+    return [
+        Row(f"{what}, weight {weight:g}", of, verdict=given)
+        for what, word in (("share of the brood alive at the end", "brood alive"), ("own drive of the brood", "brood"))
+        for weight, lives in _lives(done).items()
+        if (of := [life[word] for life in lives if life[word] is not None])
     ]
 
 
@@ -338,6 +395,37 @@ def feeds_itself(env: Ecology) -> Ints:
     return np.where(carried > 0, np.where(x < 1, eat, rest_), np.where(cell > 0, left, get))
 
 
+def rests(env: Ecology) -> Ints:
+    """Return rest, always (trap)."""
+    group = env.groups["agent"]
+    return np.full(group.size, group.actions.index("rest"))
+
+
+def forages(env: Ecology) -> Ints:
+    """Return what fetches food, keeps it in hand and eats it when it is due, each for itself (trap)."""
+    return _trap(env, helps_=False)
+
+
+def rescues(env: Ecology) -> Ints:
+    """Return the same, but who holds food brings it to a partner that is trapped and holds none (trap)."""
+    return _trap(env, helps_=True)
+
+
+def _trap(env: Ecology, *, helps_: bool) -> Ints:
+    state, names = env.state_view, env.groups["agent"].actions
+    x, carried = state.internal.T
+    eat, get, pass_ = (names.index(name) for name in ("eat", "consume_food", "pass"))
+    calls = helps_ & (x[::-1] <= trap.TRAPPED) & (carried[::-1] == 0) & (x > trap.TRAPPED) & (carried > 0)
+    gap = np.where((carried > 0)[:, None], state.position[::-1], state.resource_position[0]) - state.position
+    ways = np.array([list(trap.WAYS).index(name) for name in ("left", "right", "down", "up")])
+    axis = np.abs(gap).argmax(axis=1)
+    toward = names.index(next(iter(trap.WAYS))) + ways[2 * axis + (gap[np.arange(2), axis] > 0)]
+    far = np.hypot(*gap.T)
+    fetches = np.where(far < trap.REACH, get, toward)
+    keeps = np.where(x <= 1 - trap.MEAL, eat, names.index("rest"))
+    return np.where(calls, np.where(far < trap.HAND, pass_, toward), np.where(carried > 0, keeps, fetches))
+
+
 @dataclass(frozen=True)
 class Empathic:
     """How one of the set-ups of Man and Yoshida is learned and measured."""
@@ -410,7 +498,7 @@ EMPATHIC = (
         cap=trap.CAP,
         scale=trap.REWARD,
         ticks=20_000,
-        seeds=2,
+        seeds=4,
         seconds=120.0,
         steps=100_000,
         worlds=1,
@@ -472,7 +560,20 @@ def _scripted_parts(e: Empathic) -> list[Part]:
         ]
     if e.name == "grid_rooms":
         return [Part("scripted-alone", {"lives": 20 * 10}, 8.0, lambda: live(feeds_itself, 10)[0])]
-    return []
+
+    def trapped(policy: _episodes.Policy) -> Callable[[], list[float]]:
+        return lambda: [float(n) for n in _episodes.scripted(e.name, words, policy, 1, 10, e.cap)[0][0]]
+
+    told = {"lives": 10, "cap": e.cap}
+    return [Part(f"scripted-{policy.__name__}", told, 25.0, trapped(policy)) for policy in (rests, forages, rescues)]
+
+
+def _against_idle(row: Row, idle: Sequence[float] | None) -> str:
+    """Return the verdict on a row that nothing is known of, beside lives of those who do nothing."""
+    interval = row.interval()
+    if idle is None or interval is None:
+        return "no number to compare with"
+    return "better than doing nothing" if interval[0] > np.mean(idle) else "cannot be told from doing nothing"
 
 
 def _empathy_rows(e: Empathic, done: Mapping[str, Any]) -> list[Row]:
@@ -486,6 +587,14 @@ def _empathy_rows(e: Empathic, done: Mapping[str, Any]) -> list[Row]:
         found.append(Row(f"share of passes, {policy}", rates, closed=1 / 11))
     if "scripted-alone" in done:
         found.append(Row("ticks lived, feeding itself alone, 200 lives", done["scripted-alone"], closed=ALONE))
+    for policy, what in (
+        ("rests", "doing nothing"),
+        ("forages", "foraging, each for itself"),
+        ("rescues", "foraging and feeding who is trapped"),
+    ):
+        if f"scripted-{policy}" in done:
+            lives = done[f"scripted-{policy}"]
+            found.append(Row(f"ticks lived, {what}, {len(lives)} lives", lives, verdict="scripted"))
     for learner in ("hjb", "ppo"):
         for condition in CONDITIONS:
             keys = [key for key in done if f"{key}-".startswith(f"{learner}-{condition}-")]
@@ -493,9 +602,11 @@ def _empathy_rows(e: Empathic, done: Mapping[str, Any]) -> list[Row]:
                 continue
             ours = [value for key in keys for value in done[key]]
             theirs, closed = e.theirs.get(condition), e.closed.get(condition)
-            given = None if theirs or closed else "no number to compare with"
             what = f"ticks lived, {'f/J' if learner == 'hjb' else 'PPO'}, {condition}"
-            found.append(Row(what, ours, theirs=theirs, closed=closed, verdict=given))
+            row = Row(what, ours, theirs=theirs, closed=closed)
+            if theirs is None and closed is None:
+                row = replace(row, verdict=_against_idle(row, done.get("scripted-rests")))
+            found.append(row)
     return found
 
 
@@ -529,6 +640,20 @@ def cases() -> dict[str, Case]:
             "camping", "staying at one resource in the authors' own world", lambda: _authors_parts(True), _authors_rows
         ),
         Case("commons", "the most that a common pool bears, n q <= delta E0", _commons_parts, _commons_rows),
+        Case(
+            "commons_learners",
+            "how many learners a common pool bears, against eaters that take what they need, n decay <= delta E0",
+            lambda: _crowd_parts("commons", _survival.commons, _survival.NUMBERS, 4.0),
+            _learners_rows,
+            table=lambda done: _survival.commons_table(_lives(done)),
+        ),
+        Case(
+            "colony",
+            "what becomes of a brood that is fed by nurses, by how much they feel of it",
+            lambda: _crowd_parts("colony", _survival.colony, _survival.WEIGHTS, 5.0),
+            _colony_rows,
+            table=lambda done: _survival.colony_table(_lives(done)),
+        ),
         Case(
             "lotka_volterra",
             "mean numbers and period of well-mixed predators and prey",
@@ -596,8 +721,17 @@ def left(case: Case, ledger: Ledger) -> list[Part]:
 
 def rows(case: Case, ledger: Ledger) -> list[Row]:
     """Return the rows of a case, as far as its parts are done."""
-    done = {part.key: ledger.read(case, part) for part in case.parts()}
-    return case.rows({key: value for key, value in done.items() if value is not None})
+    return case.rows(_done(case, ledger))
+
+
+def _done(case: Case, ledger: Ledger) -> dict[str, Any]:
+    found = {part.key: ledger.read(case, part) for part in case.parts()}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def table(case: Case, ledger: Ledger) -> str | None:
+    """Return the table of a case besides its rows, as far as its parts are done; None: it has none."""
+    return None if case.table is None else case.table(_done(case, ledger))
 
 
 # ---- telling ---------------------------------------------------------------------------------
@@ -631,13 +765,14 @@ def _number(value: float) -> str:
 
 def markdown(table: Mapping[str, Sequence[Row]]) -> str:
     """Return the certificate as a table of Markdown."""
-    lines = [HEAD, tuple("---" for _ in HEAD)]
-    lines += [cells(name, row) for name, found in table.items() for row in found]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return _survival.markdown(HEAD, [cells(name, row) for name, found in table.items() for row in found])
 
 
-def write(folder: Path, table: Mapping[str, Sequence[Row]]) -> None:
-    """Write the certificate into the folder, as Markdown and as parquet (a row per row)."""
+def write(folder: Path, table: Mapping[str, Sequence[Row]], tables: Mapping[str, str]) -> list[Path]:
+    """Write the certificate into the folder, as Markdown and as parquet (a row per row), and `tables` by name.
+
+    Returns the paths.
+    """
     import pyarrow as pa  # slow to load
     from pyarrow import parquet
 
@@ -652,3 +787,6 @@ def write(folder: Path, table: Mapping[str, Sequence[Row]]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     replace_text(folder / TABLE, markdown(table))
     parquet.write_table(pa.Table.from_pylist(flat), folder / PARQUET)
+    for name, text in tables.items():
+        replace_text(folder / f"{name}.md", text)
+    return [folder / name for name in (TABLE, PARQUET, *(f"{name}.md" for name in tables))]

@@ -21,12 +21,14 @@ from agents.base import DivergedError, Learner
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
+from scenarios import _faults
 from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"
 KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
 WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+BLOCKS = 2**16  # in which the ticks of a run are summed up: one tick each, then two, four, ...
 LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
 
 
@@ -34,9 +36,13 @@ LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those o
 
 
 class Tally:
-    """Running sums over a run, an observer: what summary.json says."""
+    """Running sums over a run, an observer: what summary.json says.
 
-    def __init__(self, scenario: Scenario, env: Ecology, learners: Mapping[str, Learner], ticks: int) -> None:
+    What is asked of a stretch of ticks is summed in blocks. Up to `BLOCKS` ticks a block is one tick; when the blocks
+    are full, two become one, so that a life of any length takes the same memory.
+    """
+
+    def __init__(self, scenario: Scenario, env: Ecology, learners: Mapping[str, Learner]) -> None:
         self._scenario, self._groups, self._learners = scenario, env.groups, learners
         needs = max(len(s.needs) for s in scenario.species)
         self._set_point = np.zeros((env.size, needs))
@@ -49,8 +55,11 @@ class Tally:
         self.births = 0
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
-        self.drive = np.zeros(ticks)  # per tick, summed over the living
-        self.living = np.zeros((ticks, len(env.groups)), np.int64)  # per tick and species
+        self.span = 1  # ticks of a block
+        self.drive = np.zeros(BLOCKS)  # per block, summed over the living
+        self.living = np.zeros((BLOCKS, len(env.groups)), np.int64)  # per block and species, summed over its ticks
+        now = [np.count_nonzero(env.state_view.alive[group.slots]) for group in env.groups.values()]
+        self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
         self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
         self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
         self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
@@ -63,9 +72,16 @@ class Tally:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Add one tick."""
         at, alive = state.tick - 1, tick.alive
+        self.now[:] = [np.count_nonzero(alive[group.slots]) for group in self._groups.values()]
+        if at == 0:
+            self.least[:] = self.most[:] = self.now
+        np.minimum(self.least, self.now, out=self.least)
+        np.maximum(self.most, self.now, out=self.most)
+        if at == BLOCKS * self.span:
+            self._fold()
+        self.drive[at // self.span] += tick.drive @ alive
+        self.living[at // self.span] += self.now
         self.tick = state.tick
-        self.drive[at] = tick.drive @ alive
-        self.living[at] = [np.count_nonzero(alive[group.slots]) for group in self._groups.values()]
         self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
         self.lived += alive
         self.actions[self._row, tick.action] += alive
@@ -75,6 +91,19 @@ class Tally:
                 self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
         self.births += int(np.count_nonzero(tick.born))
         self.closed, self.returned = int(state.closed.sum()), state.returned
+
+    def _fold(self) -> None:
+        """Make one block of two, and room for as many again."""
+        for blocks in (self.drive, self.living):
+            half = BLOCKS // 2
+            blocks[:half] = blocks[::2] + blocks[1::2]
+            blocks[half:] = 0
+        self.span *= 2
+
+    @property
+    def _used(self) -> int:
+        """Return the number of blocks that have begun."""
+        return -(-self.tick // self.span)
 
     def end(self) -> None:
         """Stop the clock."""
@@ -90,21 +119,29 @@ class Tally:
         return np.array([time.perf_counter(), time.process_time(), learners])
 
     def mean_drive(self, start: int = 0) -> float | None:
-        """Return the drive of the living, averaged over agents and ticks from `start` on."""
-        return _share(self.drive[start : self.tick].sum(), self.living[start : self.tick].sum())
+        """Return the drive of the living, averaged over agents and ticks from `start` on.
+
+        A block in which `start` lies counts with the share of its ticks from there on.
+        """
+        if start >= self.tick:
+            return None
+        first, into = divmod(start, self.span)
+        share = np.ones(self._used - first)
+        share[0] -= into / min(self.span, self.tick - first * self.span)
+        living = self.living[first : self._used].sum(axis=1)
+        return _share(float(share @ self.drive[first : self._used]), float(share @ living))
 
     def summary(self) -> dict[str, Any]:
         """Return what the run has come to."""
-        agent_steps = int(self.living[: self.tick].sum())
+        lived_by = self.living.sum(axis=0)  # per species
         wall, cpu, learner = self.seconds
         needs, shares, population = {}, {}, {}
         for i, (species, group) in enumerate(zip(self._scenario.species, self._groups.values(), strict=True)):
-            there = self.living[: self.tick, i] if self.tick else np.array([species.count])
             population[species.name] = {
-                "end": int(there[-1]),
-                "mean": float(there.mean()),
-                "least": int(there.min()),
-                "most": int(there.max()),
+                "end": int(self.now[i]),
+                "mean": float(lived_by[i] / self.tick if self.tick else self.now[i]),
+                "least": int(self.least[i]),
+                "most": int(self.most[i]),
                 "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
             }
             lived = self.lived[group.slots].sum()
@@ -116,7 +153,7 @@ class Tally:
             "wall_seconds": round(wall, 3),
             "cpu_seconds": round(cpu, 3),
             "learner_cpu_seconds": round(learner, 3),
-            "agent_steps_per_second": _share(agent_steps, wall),
+            "agent_steps_per_second": _share(int(lived_by.sum()), wall),
             "mean_drive": self.mean_drive(),
             "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10)) if self.tick else None,
             "mean_abs_deviation": needs,
@@ -128,24 +165,23 @@ class Tally:
             "bodies_put_back": self.returned,
         }
 
-    ARRAYS = ("drive", "living", "causes", "delta", "lived", "actions")
-    VALUES = ("tick", "births", "closed", "returned")
+    ARRAYS = ("drive", "living", "now", "least", "most", "causes", "delta", "lived", "actions")
+    VALUES = ("tick", "span", "births", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the sums: arrays, and plain values."""
         arrays = {name: getattr(self, name) for name in self.ARRAYS}
-        arrays["drive"], arrays["living"] = self.drive[: self.tick], self.living[: self.tick]
+        arrays["drive"], arrays["living"] = self.drive[: self._used], self.living[: self._used]
         return arrays, {"seconds": self.seconds.tolist()} | {name: getattr(self, name) for name in self.VALUES}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
-        """Become what `state` returned; the sums of every tick may be longer here."""
+        """Become what `state` returned, which has only the blocks that have begun."""
         for name in self.ARRAYS:
             mine = getattr(self, name)
-            mine[: len(arrays[name])] = arrays[name]
+            mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
         for name in self.VALUES:
             setattr(self, name, values[name])
-        seconds = values["seconds"]  # of an older run the wall time alone
-        self._seconds = np.array(seconds if isinstance(seconds, list) else [seconds, math.nan, math.nan])
+        self._seconds = np.array(values["seconds"])
 
 
 def _share(part: float, whole: float) -> float | None:
@@ -214,11 +250,11 @@ class Run:
                     choice.name, group, learner_seed(plan.seed, i), choice.settings, plan.device
                 )
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
-        with _room(f"the tally of {plan.ticks} ticks"):
-            self.tally = Tally(self.scenario, self.env, self.learners, plan.ticks)
         with _room(f"a world of {self.env.size} agents"):
             self.tick = self.env.reset_arrays(plan.seed)
+            self.tally = Tally(self.scenario, self.env, self.learners)
         self.stopped_by: str | None = None
+        self._saved = 0  # tick of the last checkpoint
         self._resumed = False
         self._previous = False  # whether it goes on from the checkpoint before the last
 
@@ -226,6 +262,15 @@ class Run:
     def now(self) -> int:
         """Return the number of ticks lived."""
         return self.env.state_view.tick
+
+    def born_and_died(self) -> tuple[list[int], list[int]]:
+        """Return how many of each species were born and have died so far."""
+        removed = (self.plan.forked or {}).get("remove", ())
+        born, died, alive = [], self.tally.causes.sum(axis=1).tolist(), self.env.state_view.alive
+        for species, group, deaths in zip(self.scenario.species, self.env.groups.values(), died, strict=True):
+            gone = deaths + sum(name.rpartition("_")[0] == species.name for name in removed)
+            born.append(int(np.count_nonzero(alive[group.slots])) + gone - species.count)
+        return born, died
 
     def check_folder(self) -> None:
         """Raise EcologyError where the folder already holds a run."""
@@ -260,7 +305,8 @@ class Run:
         try:
             self.become(parts)
         except Exception as error:
-            raise EcologyError(f"{damaged} ({type(error).__name__}: {error}). {checkpoint.advice(where)}") from error
+            raise EcologyError(f"{damaged} ({_faults.told(error)}). {checkpoint.advice(where)}") from error
+        self._saved = self.now
 
     def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Raise EcologyError where a checkpoint is not of this run's world, learners and seed."""
@@ -308,14 +354,14 @@ class Run:
     def live(self, observers: Sequence[Observer] = ()) -> dict[str, Any]:
         """Live to the plan's ticks, and return the summary; whatever happens, the folder is left readable.
 
-        Raises StoppedError where a signal came, EcologyError where a network diverged.
+        Raises StoppedError where a signal came, EcologyError where a network diverged or a user's own code failed.
         """
         interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
-        with writable(self.folder), contextlib.ExitStack() as at_end:
+        with writable(self.folder), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
                 if watcher is self.tally and not self.now:
@@ -343,9 +389,23 @@ class Run:
                 self.stopped_by = f"{who}: {error}"
                 raise EcologyError(f"{who}: {error} The run up to there is kept in {self.folder}.") from error
             except BaseException as error:
-                self.stopped_by = f"{type(error).__name__}: {error}"
+                self.stopped_by = _faults.told(error)
                 raise
         return self.summary()
+
+    @contextlib.contextmanager
+    def _faults_told(self, *, kept: bool) -> Iterator[None]:
+        """Add to an exception in a user's own code how far the run came and, where it is `kept`, how it goes on."""
+        try:
+            yield
+        except Exception as error:
+            if _faults.of(error) is None:
+                raise
+            then = kept * (
+                f"The run up to there is kept in {self.folder}; once this is mended, go on from tick {self._saved} "
+                f"with: ecology run --resume {self.folder}"
+            )
+            raise _faults.named(f"after {self.now} ticks", error, then) from error
 
     def _keep(self, observers: Sequence[Observer]) -> None:
         """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
@@ -364,11 +424,13 @@ class Run:
     def save(self, where: Path | None = None) -> None:
         """Write the checkpoint, or one to `where`."""
         checkpoint.write(where or self.folder / CHECKPOINT, self.parts())
+        if where is None:
+            self._saved = self.now
 
     def live_on(self, at: int, observers: Sequence[Observer] = ()) -> None:
         """Live to the tick `at` and write nothing; StoppedError where a signal came."""
         interrupt = Interrupt()
-        with contextlib.ExitStack() as at_end:
+        with self._faults_told(kept=False), contextlib.ExitStack() as at_end:
             for watcher in (interrupt, *observers):
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)
@@ -470,6 +532,22 @@ def held(folder: Path, patience: float = 0.0) -> Iterator[None]:
             except OSError:  # a file system without locks
                 break
         yield
+    finally:
+        os.close(handle)
+
+
+def busy(folder: Path) -> bool:
+    """Return whether another process may be in `folder`: False where none is for certain."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return True
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        return False
+    except OSError:  # it is held, or the file system has no locks
+        return True
     finally:
         os.close(handle)
 

@@ -1,150 +1,145 @@
-"""The tables of commons and colony in docs/results.md: `python -m scenarios._survival commons` (or colony).
+"""What becomes of a pool and of a brood when those who live on it learn: the lives behind two cases of the certificate.
 
-Seeds are worlds of their own that are lived side by side, their learners in one batch, each with its own weights.
+A life is that of `ecology run commons --set n=N` or `ecology run colony --set weight=W`, with its seed.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
-from collections.abc import Callable
-from dataclasses import replace
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-import agents
 import scenarios
-from agents.base import Transition
-from ecology import Ecology, Scenario
+from ecology import Ecology, State, Tick
+from ecology.observers.base import Mind
+from scenarios._plan import resolve
+from scenarios._run import Run
+
+TICKS = 5_000
+NUMBERS = (12, 14, 16, 18, 20, 24)  # of agents at the pool
+WEIGHTS = (0.0, 0.25, 0.5, 1.0, 2.0)  # of empathy
+LOOKS = Callable[[Ecology, State], tuple[float, ...]]
 
 
-def live(scenario: Scenario, seeds: int, ticks: int, watch: Callable[[list[Ecology], int], None]) -> list[Ecology]:
-    """Return the worlds of seeds 0, 1, ... after `ticks`; `watch` is shown them after every tick."""
-    envs = [Ecology(scenario) for _ in range(seeds)]
-    crowd = Ecology(replace(scenario, species=tuple(replace(s, count=s.count * seeds) for s in scenario.species)))
-    learners = {}
-    for i, s in enumerate(scenario.species):
-        settings = dict(s.learner_settings)
-        if "life" in agents.settings(s.learner):
-            settings["life"] = ticks * scenario.dt
-        stream = np.random.SeedSequence(0, spawn_key=(1000, i))
-        learners[s.name] = agents.make(s.learner, crowd.groups[s.name], stream, settings)
-    now = [env.reset_arrays(seed) for seed, env in enumerate(envs)]
-    for at in range(ticks):
-        before, actions = now, [np.zeros(env.size, np.int64) for env in envs]
-        for name, learner in learners.items():
-            slots = envs[0].groups[name].slots
-            chosen = learner.act(
-                np.concatenate([t.observations[name] for t in before]), np.concatenate([t.masks[name] for t in before])
-            )
-            for mine, part in zip(actions, np.split(chosen, seeds), strict=True):
-                mine[slots] = part
-        now = [env.step_arrays(mine) for env, mine in zip(envs, actions, strict=True)]
-        for name, learner in learners.items():
-            slots = envs[0].groups[name].slots
-            learner.learn(
-                Transition(
-                    observations=np.concatenate([t.observations[name] for t in before]),
-                    masks=np.concatenate([t.masks[name] for t in before]),
-                    actions=np.concatenate([t.action[slots] for t in now]),
-                    next_observations=np.concatenate([t.observations[name] for t in now]),
-                    next_masks=np.concatenate([t.masks[name] for t in now]),
-                    alive=np.concatenate([t.alive[slots] for t in now]),
-                )
-            )
-            died = np.flatnonzero(np.concatenate([t.died[slots] for t in now]))
-            if died.size:
-                learner.died(died)
-        watch(envs, at)
-    return envs
+class Seen:
+    """Keeps what `look` returns of every tick, an observer."""
+
+    def __init__(self, look: LOOKS) -> None:
+        self.look, self.rows = look, list[tuple[float, ...]]()
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Know the world."""
+        self.env = env
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Look at one tick."""
+        self.rows.append(self.look(self.env, state))
+
+    def end(self) -> None:
+        """Keep what was seen."""
 
 
-def commons(seeds: int, ticks: int, numbers: list[int]) -> None:
-    """Print whether the pool survives n learners, and when it was empty."""
+def lived(name: str, seed: int, ticks: int, look: LOOKS, **settings: Any) -> tuple[State, np.ndarray]:
+    """Return the last state of a life, and what `look` saw in every tick, (ticks, k)."""
+    run, seen = Run(resolve(name, changes=settings, ticks=ticks, seed=seed), Path(os.devnull)), Seen(look)
+    run.live_on(ticks, [seen])
+    return run.env.state_view, np.array(seen.rows)
+
+
+# ---- the pool ----------------------------------------------------------------------------------
+
+
+def commons(n: int, seed: int, ticks: int = TICKS) -> dict[str, float | None]:
+    """Return when the pool of n learners was empty (None: never), what is left, what each ate, and its drive."""
+    state, rows = lived("commons", seed, ticks, lambda _, now: (now.stock[0], now.own_drive.mean()), n=n)
+    stock, drive = rows.T
+    empty = int(np.flatnonzero(stock > 0)[-1]) + 2 if stock[-1] <= 0 else None
+    return {
+        "empty": empty,
+        "stock": float(stock[-1]),
+        "eaten": float(state.eaten[0] / n / (empty or ticks)),
+        "drive": float(drive[ticks // 2 :].mean()),
+    }
+
+
+def bears() -> float:
+    """Return the most agents with a fixed appetite of what a need takes that the full pool bears, growth E0 / decay."""
     words = scenarios.settings("commons")
-    bears = words["growth"] * words["capacity"]
-    print(
-        f"a full pool bears growth E0 = {bears:g} per unit of time: {bears / words['decay']:.1f} agents that take what"
-    )
-    print(f"they need, {bears / words['appetite']:.1f} that eat all the time\n")
-    print("| n | pools that survive | emptied at tick | stock at the end | eaten per agent and tick | mean drive |")
-    print("|---|---|---|---|---|---|", flush=True)
-    for n in numbers:
-        empty = np.full(seeds, math.inf)
-        drive: list[float] = []
-
-        def watch(envs: list[Ecology], at: int, empty: np.ndarray = empty, drive: list[float] = drive) -> None:
-            stock = np.array([env.state_view.stock[0] for env in envs])
-            empty[:] = np.where(stock <= 0, np.minimum(empty, at + 1), np.inf)
-            drive.append(float(np.mean([env.state_view.own_drive.mean() for env in envs])))
-
-        envs = live(scenarios.load("commons", n=n, ticks=ticks), seeds, ticks, watch)
-        stock = [env.state_view.stock[0] for env in envs]
-        lived = np.minimum(empty, ticks)
-        eaten = np.array([env.state_view.eaten[0] for env in envs]) / n / lived
-        when = ", ".join("-" if math.isinf(t) else f"{t:.0f}" for t in empty)
-        print(
-            f"| {n} | {np.isinf(empty).sum()} of {seeds} | {when} | {np.mean(stock):.0f} | {eaten.mean():.4f} | "
-            f"{np.mean(drive[ticks // 2 :]):.2f} |",
-            flush=True,
-        )
+    return words["growth"] * words["capacity"] / words["decay"]
 
 
-def colony(seeds: int, ticks: int, weights: list[float], **settings: object) -> None:
-    """Print what becomes of brood and nurses for every weight; means over the second half, SD over seeds."""
-    print(f"{settings or ''}\n| weight | brood alive at the end | own drive, brood | own drive, nurses | nurse gives |")
-    print("|---|---|---|---|---|", flush=True)
-    for weight in weights:
-        kept: list[list[tuple[float, float, float]]] = []
-
-        def watch(envs: list[Ecology], at: int, kept: list[list[tuple[float, float, float]]] = kept) -> None:
-            if at >= ticks // 2:
-                kept.append([_colony_now(env) for env in envs])
-
-        envs = live(scenarios.load("colony", weight=weight, ticks=ticks, **settings), seeds, ticks, watch)
-        alive = [env.state_view.alive[env.groups["brood"].slots].mean() for env in envs]
-        young, nurse, gives = np.nanmean(np.array(kept), axis=0).T
-        print(
-            f"| {weight:g} | {np.mean(alive):.0%} ({', '.join(f'{a:.0%}' for a in alive)}) | {_spread(young)} | "
-            f"{_spread(nurse)} | {gives.mean():.0%} |",
-            flush=True,
-        )
+def emptied_at(n: float) -> float:
+    """Return when n agents with a fixed appetite of what a need takes have emptied the pool, infinity: never."""
+    if n <= bears():
+        return math.inf
+    return math.log(n / (n - bears())) / math.log1p(scenarios.settings("commons")["growth"])
 
 
-def _colony_now(env: Ecology) -> tuple[float, float, float]:
-    """Return the own drive of the brood that lives and of the nurses, and the share of nurses that gives."""
-    state, nurse, brood = env.state_view, env.groups["nurse"].slots, env.groups["brood"].slots
-    alive = state.alive[brood]
-    young = float(state.own_drive[brood][alive].mean()) if alive.any() else math.nan
-    return young, float(state.own_drive[nurse].mean()), float((state.gave[nurse] >= 0).mean())
+def commons_table(lives: Mapping[float, Sequence[Mapping[str, Any]]]) -> str:
+    """Return the table of docs/results.md from the lives of each n."""
+    rows = []
+    for n, of in lives.items():
+        empty = [life["empty"] for life in of]
+        means = [float(np.mean([life[word] for life in of])) for word in ("stock", "eaten", "drive")]
+        rows.append((
+            f"{n:g}", f"{empty.count(None)} of {len(of)}", ", ".join("-" if e is None else str(e) for e in empty),
+            "-" if math.isinf(emptied_at(n)) else f"{emptied_at(n):.0f}",
+            f"{means[0]:.0f}", f"{means[1]:.4f}", f"{means[2]:.2f}",
+        ))  # fmt: skip
+    head = ("n", "pools that survive", "emptied at tick", "closed form", "stock at the end", "eaten per agent and tick",
+            "mean drive")  # fmt: skip
+    return markdown(head, rows)
 
 
-def _spread(values: np.ndarray) -> str:
-    """Return mean and standard deviation over the seeds that have a value."""
-    known = values[np.isfinite(values)]
-    return f"{known.mean():.2f} ({known.std():.2f})" if known.size else "-"
+# ---- the colony --------------------------------------------------------------------------------
 
 
-def main(words: list[str] | None = None) -> None:
-    """Print one of the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenario", choices=("commons", "colony"))
-    parser.add_argument("--seeds", type=int, default=4)
-    parser.add_argument("--ticks", type=int, default=6000)
-    parser.add_argument("--values", type=float, nargs="+", help="numbers of agents, or weights")
-    parser.add_argument("--set", nargs="*", default=[], help="of colony: KEY=WORD")
-    told = parser.parse_args(words)
-    if told.scenario == "commons":
-        commons(told.seeds, told.ticks, [int(v) for v in told.values or (4, 8, 12, 16, 20, 24)])
-    else:
-        weights = told.values or [0.0, 0.25, 0.5, 1.0, 2.0]
-        changes = {k: {"true": True, "false": False}.get(v, v) for k, v in (word.split("=") for word in told.set)}
-        for key in ("lesion_at", "efficiency"):
-            if key in changes:
-                changes[key] = float(changes[key])
-        colony(told.seeds, told.ticks, weights, **changes)
+def colony(weight: float, seed: int, ticks: int = TICKS) -> dict[str, float | None]:
+    """Return the shares alive at the end and, of the second half, own drives and how often nurses give.
+
+    Means are over those alive, None without any.
+    """
+    _, rows = lived("colony", seed, ticks, _colony_now, weight=weight)
+    found: dict[str, float | None] = {"brood alive": float(rows[-1, 0]), "nurses alive": float(rows[-1, 1])}
+    for word, column in zip(("brood", "nurses", "gives"), rows[ticks // 2 :, 2:].T, strict=True):
+        known = column[np.isfinite(column)]
+        found[word] = float(known.mean()) if known.size else None
+    return found
 
 
-if __name__ == "__main__":
-    main(sys.argv[1:])
+def _colony_now(env: Ecology, state: State) -> tuple[float, ...]:
+    """Return the shares of brood and nurses alive and, of those, own drives and how many nurses give; NaN of nobody."""
+    brood, nurse = env.groups["brood"].slots, env.groups["nurse"].slots
+    young, old = state.alive[brood], state.alive[nurse]
+    values = state.own_drive[brood][young], state.own_drive[nurse][old], state.gave[nurse][old] >= 0
+    return young.mean(), old.mean(), *(each.mean() if each.size else math.nan for each in values)
+
+
+def colony_table(lives: Mapping[float, Sequence[Mapping[str, Any]]]) -> str:
+    """Return the table of docs/results.md from the lives of each weight: means, with SDs over seeds."""
+    rows = []
+    for weight, of in lives.items():
+        alive = [[life[word] for life in of] for word in ("brood alive", "nurses alive")]
+        rows.append((
+            f"{weight:g}", *(f"{np.mean(a):.0%} ({', '.join(f'{one:.0%}' for one in a)})" for a in alive),
+            *(_spread([life[word] for life in of]) for word in ("brood", "nurses", "gives")),
+        ))  # fmt: skip
+    head = ("weight", "brood alive at the end", "nurses alive at the end", "own drive, brood", "own drive, nurses",
+            "share of nurses that gives")  # fmt: skip
+    return markdown(head, rows)
+
+
+def _spread(values: Sequence[float | None]) -> str:
+    """Return mean and standard deviation (n - 1) over the seeds that have a value."""
+    known = [value for value in values if value is not None]
+    return f"{np.mean(known):.2f} ({np.std(known, ddof=1):.2f})" if len(known) > 1 else "-"
+
+
+def markdown(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
+    """Return a table of Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)

@@ -188,6 +188,7 @@ class Outcome:
     cell: Cell
     summary: dict[str, Any] | None
     failed: str = ""
+    code: int = 1  # of a run that failed
 
 
 def live(
@@ -237,7 +238,7 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
                 if not (cell.folder / CONFIG).exists():
                     replace_text(cell.folder / CONFIG, cell.plan.to_toml())
         except EcologyError as error:
-            return Outcome(cell, None, str(error))
+            return Outcome(cell, None, str(error), USER_ERROR)
         code, said = attempt(cell, stop)
         summary = finished(cell)
         if summary is not None:
@@ -248,7 +249,7 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
             break
     else:
         said = f"its process died {1 + RETRIES} times, at last with exit code {code}. {said}".rstrip()
-    return Outcome(cell, None, "stopped" if stop.is_set() else said)
+    return Outcome(cell, None, "stopped" if stop.is_set() else said, USER_ERROR if code == USER_ERROR else 1)
 
 
 def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
@@ -271,8 +272,9 @@ def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
             process.stdin.close()
             process.wait()
         errors.seek(0)
-        lines = errors.read().decode(errors="replace").strip().splitlines()
-    return process.returncode, lines[-1] if lines else ""
+        said = errors.read().decode(errors="replace").strip()
+    own = said.rfind("\necology: ") + 1  # the message, of however many lines, or else the last line
+    return process.returncode, said[own:] if said[own:].startswith("ecology: ") else said.rpartition("\n")[2]
 
 
 def by_ray(address: str) -> tuple[Attempt, int]:

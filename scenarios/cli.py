@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import logging
 import math
 import os
 import re
 import signal
-import subprocess
 import sys
+import tempfile
+import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -29,9 +31,13 @@ import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import nearest
 from ecology.observers.base import Mind, Observer
-from scenarios import _run
+from ecology.observers.wishes import Wishes
+from scenarios import _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
+
+if TYPE_CHECKING:
+    from ecology.observers.page import Page
 
 REFRESH = 0.25  # seconds between two pictures of the progress bar
 LINE = 10.0  # seconds between two lines of progress where there is no terminal
@@ -52,15 +58,22 @@ app = typer.Typer(
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the command line; a user's error is one message on stderr and exit code 2."""
+    """Run the command line; a user's error is one message on stderr and exit code 2.
+
+    Before the message of an exception in a user's own code stand the frames from there on.
+    """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it; on small networks threads only cost
     try:
         app(args=_spelt(list(sys.argv[1:] if words is None else words)))
-    except EcologyError as error:
-        print(f"ecology: {error}", file=sys.stderr)
-        sys.exit(2)
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
+    except Exception as error:
+        told = error if isinstance(error, EcologyError) else _faults.of(error)
+        if told is None:
+            raise
+        frames = told.frames if isinstance(told, _faults.FaultError) else ""
+        print(f"{frames}ecology: {told}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _spelt(words: list[str]) -> list[str]:
@@ -126,11 +139,14 @@ def check(
     from ecology import contract  # needed by this command only
 
     broken = 0
-    for holds, reason in contract.check(scenarios.load(scenario), ticks):
-        print(f"{'FAIL' if reason else 'pass'}  {holds}", flush=True)
-        if reason:
+    for holds, error in contract.check(scenarios.load(scenario), ticks):
+        fault = None if error is None else _faults.of(error)
+        if fault is not None:
+            raise fault from error
+        print(f"{'FAIL' if error else 'pass'}  {holds}", flush=True)
+        if error:
             broken += 1
-            print(f"      {reason}")
+            print(f"      {contract.reason(error)}")
     if broken:
         print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
         raise typer.Exit(1)
@@ -228,6 +244,19 @@ def _live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
         _say(it.folder, summary)
 
 
+@app.command()
+def focus(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that is alive.")],
+    who: Annotated[str, typer.Argument(metavar="WHO", help="An agent (prey_17), a species, or hungriest.")],
+) -> None:
+    """Bring someone else into focus in a run that is recorded or watched."""
+    from ecology.observers import wishes
+
+    if not (run / _run.CONFIG).is_file():
+        raise EcologyError(f"the folder {str(run)!r} holds no run: there is no {_run.CONFIG} in it.")
+    print(wishes.ask(run, who, lambda: _run.busy(run)))
+
+
 def _refuse(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
@@ -275,6 +304,7 @@ def _watchers(
     if focus and not (it.plan.record or view or serve or connect):
         raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
     Focus.of(it.env, focus)  # whom nobody can be is told before anything is written
+    wishes = Wishes(it.folder)
     if it.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
@@ -292,44 +322,50 @@ def _watchers(
             detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
             name=it.folder.name,
             resume=resume,
+            before=it.born_and_died(),
+            wishes=wishes,
         )
         observers.append(rerun)
         if rerun.url is not None:
-            observers.append(Audience(rerun.url, view=view, serve=serve))
+            observers.append(Audience(rerun.url, wishes, view=view, serve=serve))
     return observers
 
 
 class Audience:
-    """Opens viewers on a run that serves, an observer: the viewer itself, or one for browsers."""
+    """Opens viewers on a run that serves, an observer: the viewer itself, or a page that tells of clicks."""
 
-    def __init__(self, url: str, *, view: bool, serve: bool) -> None:
+    def __init__(self, url: str, wishes: Wishes, *, view: bool, serve: bool) -> None:
         from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, needs_display
 
         if view:
             needs_display("use --serve and look from a browser")
         if serve:
             free_port(LOOPBACK, WEB_PORT)
-        self._url, self._view, self._serve = url, view, serve
-        self._for_browsers: subprocess.Popen[bytes] | None = None
+        self._url, self._wishes, self._view, self._serve = url, wishes, view, serve
+        self._page: Page | None = None
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Open them: what they attach to is there by now."""
         from ecology.observers import viewer
+        from ecology.observers.page import Page
 
         if self._view:
             viewer.attach(self._url)
         if self._serve:
-            self._for_browsers, address = viewer.serve_browser(self._url)
-            print(f"watch in a browser: {address}\nor in a viewer: rerun --connect {self._url}")
+            try:
+                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=viewer.WEB_PORT)
+                print(f"watch in a browser: {self._page.url}")
+            except EcologyError as error:
+                logging.getLogger("ecology").warning("%s The run goes on.", error)
+            print(f"watch in a viewer: rerun --connect {self._url}")
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Leave the watching to the viewers."""
 
     def end(self) -> None:
         """Serve browsers no more; a viewer that was opened stays."""
-        if self._for_browsers is not None:
-            self._for_browsers.terminate()
-            self._for_browsers.wait()
+        if self._page is not None:
+            self._page.close()
 
 
 class Progress:
@@ -426,6 +462,9 @@ def fork(
     out: Annotated[Path | None, typer.Option(help="Folder of the fork.  [default: RUN-at-TICK]")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
     keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.  [default: as the run]")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
@@ -433,7 +472,7 @@ def fork(
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(_run.held(run))
-        it = _run.opened(run)
+        it = _run.opened(run, device=device)
         forked = _fork.fork(
             it,
             at,
@@ -442,6 +481,7 @@ def fork(
             remove=remove or (),
             move=dict(map(_place, move or ())),
             ticks=ticks,
+            device=device,
             record=record,
             keep_every=keep_every,
             observers=[] if quiet else [Progress(it.tally, at)],
@@ -534,7 +574,7 @@ def sweep(
     for outcome in failed:
         print(f"ecology: the run {outcome.cell.folder} failed: {outcome.failed}", file=sys.stderr)
     if failed:
-        raise typer.Exit(1)
+        raise typer.Exit(max(outcome.code for outcome in failed))
 
 
 def _cpus() -> int:
@@ -645,10 +685,13 @@ def evaluate(
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
     ] = None,
+    device: Annotated[
+        str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where the learner computes.")
+    ] = "cpu",  # one agent at a time: elsewhere it takes longer
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
-    it = _run.opened(run, device="cpu")  # one agent at a time: on another device it would take longer
+    it = _run.opened(run, device=device)
     world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
@@ -678,6 +721,7 @@ def evaluate(
             skip=min(SKIPPED, ticks // 10),
             places=places,
             name=it.plan.learners[learner.group.name].name,
+            device=device,
             home=None if world is it.scenario else it.scenario,
             tell=tell,
         )
@@ -703,7 +747,12 @@ def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[S
 def _say_findings(report: Mapping[str, Any]) -> None:
     """Print an evaluation as tables."""
     console = Console()
-    drives = Table("", "mean drive", "95 % interval", title=f"{report['scenario']}, {report['ticks']:,} ticks")
+    drives = Table(
+        "",
+        "mean drive",
+        "95 % interval",
+        title=f"{report['scenario']}, {report['ticks']:,} ticks, on {report['device']}",
+    )
     known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
     for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
         interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
@@ -762,12 +811,13 @@ def reproduce(
         )
         try:
             ledger.do(case, part)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, StoppedError):
             console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
             raise StoppedError(signal.SIGINT) from None
         left -= part.seconds
     found = {case.name: _reproduce.rows(case, ledger) for case in cases}
-    _reproduce.write(out, found)
+    tables = {case.name: text for case in cases if (text := _reproduce.table(case, ledger)) is not None}
+    written = _reproduce.write(out, found, tables)
     if not quiet:
         table = Table(*_reproduce.HEAD)
         for name, rows in found.items():
@@ -776,7 +826,7 @@ def reproduce(
             table.add_section()
         screen = Console()
         screen.print(table, width=screen.width if screen.is_terminal else WIDE)
-        print(f"written: {out / _reproduce.TABLE} and {_reproduce.PARQUET}")
+        print(f"written: {', '.join(map(str, written))}")
 
 
 def _long(seconds: float) -> str:
@@ -787,23 +837,57 @@ def _long(seconds: float) -> str:
 @app.command()
 def view(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
+    focus: Annotated[
+        str | None, typer.Option(metavar="WHO", help="An agent (prey_17) whose life is drawn, or a species.")
+    ] = None,
+    serve: Annotated[
+        bool, typer.Option("--serve", help="Show it in a browser, where a click brings an agent into focus.")
+    ] = False,
     screenshot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
     ] = None,
     tick: Annotated[int | None, typer.Option(min=0, help="Of the picture.  [default: the last]")] = None,
 ) -> None:
     """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
-    if screenshot is not None:
-        from ecology.observers import rerun  # slow to load
-
-        rerun.screenshot(run, screenshot, tick=tick)
-        print(f"written: {screenshot}")
-        return
-    if tick is not None:
+    if tick is not None and screenshot is None:
         raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
+    if serve and screenshot is not None:
+        raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
     from ecology.observers import viewer  # only here is a viewer looked for
 
-    viewer.view(run)
+    with contextlib.ExitStack() as stack:
+        if focus is not None or serve:
+            from ecology.observers.hindsight import Hindsight  # slow to load
+
+            if not (run / _run.CONFIG).is_file():
+                raise EcologyError(
+                    f"--focus and --serve need the world of a run: there is no {_run.CONFIG} in {str(run)!r}; give "
+                    "the folder of the run."
+                )
+            world = resolve(config=read_config(run / _run.CONFIG)).load()
+            past = Hindsight(stack.enter_context(viewer.complete(run)), world, run.absolute().name)
+            run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / _run.RECORDING)
+        if serve:
+            from ecology.observers.page import Page
+
+            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=viewer.WEB_PORT)
+            stack.callback(page.close)
+            print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                _wait()
+        elif screenshot is not None:
+            from ecology.observers import rerun  # slow to load
+
+            rerun.screenshot(run, screenshot, tick=tick)
+            print(f"written: {screenshot}")
+        else:
+            viewer.view(run)
+
+
+def _wait() -> None:
+    """Wait for Ctrl-C, or to be ended."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    threading.Event().wait()
 
 
 @app.command()

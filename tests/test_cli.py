@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import socket
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import agents
 import scenarios
+from ecology import EcologyError
 from scenarios import cli
 from scenarios.cli import main
 
@@ -324,8 +328,7 @@ def test_an_evaluation_is_there_when_it_is_whole(
 
     with monkeypatch.context() as patch:
         patch.setattr(figures, "draw", fail)
-        with pytest.raises(OSError, match="no space"):
-            ecology(*evaluate)
+        assert "in fail: OSError: no space" in ecology(*evaluate)[2]
     assert not Path("mine/evaluation.json").exists()
     Path("mine/metrics.parquet").write_bytes(b"PAR1")
     code, _, err = ecology(*evaluate)
@@ -341,7 +344,14 @@ def test_an_evaluation_is_there_when_it_is_whole(
 @pytest.mark.parametrize(("gap", "words"), [(-7.35, "worse than camping"), (0.5, "50% of the way")])
 def test_worse_than_camping_is_said_plainly(capsys: pytest.CaptureFixture[str], gap: float, words: str) -> None:
     """A learner below the first yardstick is not said to be a share of the way to the second."""
-    report = {"scenario": "paper", "ticks": 10, "mean_drive": {}, "closed_gap": gap, "deviation_maps": None}
+    report = {
+        "scenario": "paper",
+        "ticks": 10,
+        "device": "cpu",
+        "mean_drive": {},
+        "closed_gap": gap,
+        "deviation_maps": None,
+    }
     cli._say_findings({**report, "probe": {}, "deviation_check": None})
     out = capsys.readouterr().out
     assert words in out
@@ -390,3 +400,120 @@ def test_view_needs_a_recording(ecology: Command, short: Command) -> None:
     code, _, err = ecology("view", "mine")
     assert code == 2
     assert "recording" in err
+
+
+def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """--focus draws an agent's life, and --serve answers clicks with one; who was not there is an error."""
+    from ecology.observers import page, rerun, viewer
+
+    run = ("run", "predator_prey", "--ticks", "20", "--learner", "random", "--out", "mine", "--quiet")
+    assert ecology(*run)[0] == 0
+    drawn = []
+    monkeypatch.setattr(rerun, "screenshot", lambda run, *_, **__: drawn.append(rerun._column(
+        run, "/chosen/prey_3/drive", "Scalars:scalars").keys()))  # fmt: skip
+    assert ecology("view", "mine", "--focus", "prey_3", "--screenshot", "new.png")[0] == 0
+    assert drawn == [{0, 10, 20}]
+    for words, told in (
+        (("mine", "--focus", "prey_300"), "prey_300"),
+        (("mine/recording.rrd", "--focus", "prey_3"), "the folder of the run"),
+        (("mine", "--serve", "--screenshot", "new.png"), "one of them"),
+    ):
+        code, _, err = ecology("view", *words)
+        assert code == 2
+        assert told in err
+
+    pages: list[page.Page] = []
+    answers: list[tuple[int, bytes]] = []
+
+    class Served(page.Page):
+        def __init__(self, *words: Any, **more: Any) -> None:
+            super().__init__(*words, **more)
+            pages.append(self)
+
+    def look() -> None:
+        for method, path, entity in (
+            ("POST", "/focus", "/world/agents/prey"),
+            ("POST", "/focus", "/world/walls"),
+            ("GET", "/recording.rrd", ""),
+        ):
+            link = http.client.HTTPConnection("127.0.0.1", pages[0].port)
+            click = json.dumps({"entity": entity, "row": 5, "tick": 10})
+            link.request(method, path, click if method == "POST" else None, {"X-Token": pages[0].token})
+            answer = link.getresponse()
+            answers.append((answer.status, answer.read()[:3]))
+            link.close()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(page, "Page", Served)
+    monkeypatch.setattr(viewer, "WEB_PORT", 0)
+    monkeypatch.setattr(cli, "_wait", look)
+    code, out, _ = ecology("view", "mine", "--serve")
+    assert code == 0
+    assert pages[0].url in out
+    assert answers == [(200, b"RRF"), (204, b""), (200, b"RRF")]
+
+
+def test_focus_turns_a_run_that_is_alive(ecology: Command) -> None:
+    """`ecology focus` is answered by a run that lives; of one that does not, and of no run, it says so."""
+    words = ["run", "predator_prey", "--ticks", "1000000", "--learner", "random", "--out", "mine", "--quiet"]
+    run = subprocess.Popen([sys.executable, "-m", "scenarios.cli", *words])
+    try:
+        while not Path("mine/recording.rrd").exists():
+            assert run.poll() is None
+            time.sleep(0.1)
+        code, out, _ = ecology("focus", "mine", "predator")
+        assert code == 0
+        assert out.startswith("predator is in focus from tick ")
+        code, _, err = ecology("focus", "mine", "prey_999999")
+        assert code == 2
+        assert "no prey_999999 lives at tick" in err
+    finally:
+        run.terminate()
+        run.wait()
+    code, _, err = ecology("focus", "mine", "predator")
+    assert code == 2
+    assert "ecology view mine --focus predator" in err
+    assert not Path("mine/focus.json").exists()
+    code, _, err = ecology("focus", "nowhere", "predator")
+    assert code == 2
+    assert "holds no run" in err
+
+
+def test_births_and_deaths_are_counted_on(ecology: Command) -> None:
+    """What a resumed run, and a fork, say was born and has died so far goes on from where it was."""
+    from ecology.observers import rerun
+
+    def flow(run: str) -> dict[int, list[float]]:
+        found = rerun._column(Path(run, "recording.rrd"), "/population/flow", "Scalars:scalars")
+        return {tick: value.tolist() for tick, value in found.items()}
+
+    run = ("run", "predator_prey", "--learner", "random", "--quiet")
+    assert ecology(*run, "--ticks", "240", "--out", "whole")[0] == 0
+    assert ecology(*run, "--ticks", "200", "--out", "mine")[0] == 0
+    assert ecology("run", "--resume", "mine", "--ticks", "240", "--quiet")[0] == 0
+    assert min(flow("whole")[200]) >= 0
+    assert max(flow("whole")[200]) > 0
+    assert flow("mine") == flow("whole")
+    dead = rerun._column(Path("whole", "recording.rrd"), "/world/agents/prey", "serial")[200][0]
+    assert ecology("fork", "whole", "--at", "200", "--remove", f"prey_{dead}", "--out", "fork", "--quiet")[0] == 0
+    assert flow("fork")[200] == flow("whole")[200]
+
+
+def test_a_page_that_cannot_be_served_stops_no_run(
+    ecology: Command, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Where Rerun's files for browsers are not to be had, --serve says so once and the run goes on."""
+    from ecology.observers import page, viewer
+
+    def fails(folder: Path) -> list[Path]:
+        raise EcologyError("the viewer for browsers cannot be started (gone).")
+
+    monkeypatch.setattr(viewer, "WEB_PORT", 0)
+    monkeypatch.setattr(viewer, "SERVE_PORT", viewer.free_port(viewer.LOOPBACK, 0))
+    monkeypatch.setattr(page, "_viewer_files", fails)
+    code, out, _ = ecology("run", "paper", "--ticks", "20", "--learner", "random", "--serve", "--out", "mine")
+    assert code == 0
+    assert "rerun --connect" in out
+    assert [record.getMessage() for record in caplog.records].count(
+        "the viewer for browsers cannot be started (gone). The run goes on."
+    ) == 1

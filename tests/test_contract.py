@@ -79,7 +79,7 @@ def unseeded_rule(world, rng):
 def test_a_rule_that_is_not_pure_is_found(rule):
     """A rule with a memory or with chance of its own breaks exactly what rests on the seed."""
     scenario = square(kind(count=3), rule=rule)
-    broken = {holds: reason for holds, reason in contract.check(scenario, 40) if reason}
+    broken = {holds: contract.reason(error) for holds, error in contract.check(scenario, 40) if error}
     assert set(broken) == {
         "dicts and arrays give one trajectory, births and deaths included",
         "the same seed gives the same life",
@@ -96,7 +96,7 @@ def test_what_a_rule_raises_is_told():
 
     found = list(contract.check(square(kind(), rule=rule), 5))
     assert [holds for holds, _ in found] == list(contract.CHECKS)
-    assert {reason for _, reason in found} == {"KeyError: 'fod'"}
+    assert {contract.reason(error) for _, error in found} == {"KeyError: 'fod'"}
 
 
 def damaged(name, change):

@@ -140,6 +140,43 @@ def test_a_damaged_state_is_passed_over(original: Command) -> None:
     assert checkpoint.read(Path("other/checkpoint"))["tally"][1]["tick"] == 120
 
 
+ISLAND = """
+from ecology import Arena, Need, Resource, Scenario, Species, consume, go_to, move, rest
+
+def build(arrival=0.0):
+    need = Need(name="food", set_point=2.0, decay=0.01, bounds=(0.0, 4.0))
+    actions = (rest(), move("walk", 0.3), consume("berries", {"food": 0.1}), go_to("berries", 0.2))
+    crowd = Species(name="crowd", needs=(need,), actions=actions, solid=False, count=4, capacity=4, arrival=arrival)
+    return Scenario(name="island", arena=Arena(vertices=((0, 0), (2, 0), (2, 2), (0, 2))), species=(crowd,),
+                    resources=(Resource(name="berries", position=(1.0, 1.0)),), ticks=120)
+"""
+
+
+@pytest.mark.parametrize("arrival", ["0.0", "9.0"])
+def test_who_is_removed_dies_to_its_learner_too(ecology: Command, arrival: str) -> None:
+    """What was under way ends, and of the removed one's mind nothing is left in who takes its slot."""
+    Path("island.py").write_text(ISLAND)
+    words = ("--learner", "hjb", *SMALL, "--set", "learner.batch=4", "--set", "learner.inherit=true", "--no-record")
+    assert ecology("run", "island.py", *words, "--ticks", "60", "--out", "run", "--quiet") == (0, "", "")
+    change = ("--remove", "crowd_2", "--set", f"arrival={arrival}", "--ticks", "61", "--out", "new")
+    assert ecology("fork", "run", "--at", "60", *change, "--quiet")[0] == 0
+    was, new = (checkpoint.read(Path(where, "checkpoint"))["learner_crowd"][0] for where in ("run", "new"))
+    world = checkpoint.read(Path("new/checkpoint"))["world"][0]
+    assert was["movement"][2] >= 0
+    assert was["memory.count"][2] > 0
+    assert new["movement"][2] == -1
+    assert (new["age"][[0, 1, 3]] == was["age"][[0, 1, 3]] + 1).all()
+    if arrival == "0.0":
+        assert world["alive"].tolist() == [True, True, False, True]
+        assert new["memory.count"][2] == was["memory.count"][2]  # being gone is no experience
+    else:
+        assert world["serial"].tolist() == [0, 1, 4, 3]
+        assert new["memory.count"][2] == new["age"][2] == new["cell_count"][2] == new["adam_f.steps"][2] == 0
+        for network in ("f", "J"):
+            drawn = was[network][2] != 0  # biases begin at 0
+            assert (new[network][2] != was[network][2])[drawn].all()
+
+
 BAD = {
     "beyond its end": (["--at", "130", "--ticks", "200"], "from 0 to 120"),
     "no future": (["--at", "120"], "--ticks"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,14 @@ from plain_learner import PlainAgent, as_row
 import agents
 import scenarios
 from agents import hjb, kernels, loop
-from agents.device import Cpu
+from agents.device import Cpu, Device
 from agents.hjb import ALGORITHM1, HJB
+from agents.kernels import Senses
 from agents.torch_device import Torch
 from ecology import Ecology, EcologyError
 from scenarios import _run
 from scenarios._plan import resolve
+from scenarios.cli import main
 
 SMALL = {"width": 16, "batch": 12, "batch_f": 20, "place_cells": 8, "memory": 60, "recent": 20}
 PRINTED = {**ALGORITHM1, "width": 16}
@@ -262,3 +265,41 @@ def test_memory_draws_the_share_from_the_newest() -> None:
     assert age[:600].max() > 90
     kernels.positions(250, 1, uniform, 400, 10, at)
     assert not at.any()
+
+
+def test_a_fork_and_an_evaluation_compute_where_they_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`--device` of fork and evaluate is where their learners are, and what they write says so; the CPU by default."""
+    asked: list[str] = []
+
+    def make(name: str, senses: Senses, n: int) -> Device:
+        asked.append(name)
+        return Cpu(senses, n)
+
+    monkeypatch.setattr("agents.device.make", make)
+    monkeypatch.setattr("agents.evaluation.BASELINES", ())
+    monkeypatch.setattr("agents.evaluation.horizon", lambda *_: 10)
+    monkeypatch.setattr("agents.evaluation.LONGEST", 10)
+    monkeypatch.chdir(tmp_path)
+    small = ("--set", "learner.width=4", "--set", "learner.memory=50", "--set", "learner.batch=4")
+
+    def type_(*words: str) -> str:
+        asked.clear()
+        with pytest.raises(SystemExit) as left:
+            main(words)
+        assert left.value.code in (0, None)
+        return capsys.readouterr().out
+
+    type_("run", "shifted", "--learner", "hjb", *small, "--ticks", "60", "--no-record", "--quiet", "--out", "run")
+    type_("fork", "run", "--at", "30", "--device", "cuda", "--out", "other", "--quiet")
+    assert asked == ["cuda", "cuda"]  # of the past that is lived again, and of the fork
+    assert 'device = "cuda"' in Path("other/config.toml").read_text()
+    type_("fork", "other", "--at", "40", "--out", "again", "--quiet")
+    assert set(asked) == {"cuda"}  # as the run
+    assert "on cpu" in type_("evaluate", "other", "--ticks", "30", "--places", "1")
+    assert set(asked) == {"cpu"}
+    assert json.loads(Path("other/evaluation.json").read_text())["device"] == "cpu"
+    assert "on cuda" in type_("evaluate", "other", "--ticks", "30", "--places", "1", "--device", "cuda")
+    assert asked[0] == "cuda"
+    assert json.loads(Path("other/evaluation.json").read_text())["device"] == "cuda"

@@ -680,6 +680,22 @@ def test_a_resumed_recording_is_one(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["recording.rrd"]
 
 
+def test_a_recording_too_large_to_be_put_in_order_can_be_read(tmp_path, monkeypatch):
+    """It is left as it was written, without an index, and is put in order by who reads it or goes on with it."""
+    from ecology.observers import rerun
+
+    monkeypatch.setattr(rerun, "TIDY", 0)
+    path = tmp_path / "recording.rrd"
+    env = live(one(), rerun_observer(path, every=10))
+    assert not viewer.whole(path)
+    ticks = list(range(0, TICKS + 1, 10))
+    assert [f.tick for f in rerun.frames(path, env.scenario, 0)] == ticks
+    again = rerun_observer(path, every=10, resume=True)
+    again.begin(env, {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))})
+    again.end()
+    assert sorted(set(column(path, "/world/agents/agent", "drive")[0].tolist())) == ticks
+
+
 def test_a_recording_that_was_killed_at_once_begins_anew(tmp_path):
     """Of a run that is gone on with from its first tick nothing was recorded, readable or not."""
     path = tmp_path / "recording.rrd"

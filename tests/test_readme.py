@@ -27,7 +27,7 @@ def test_the_tutorial_builds_predators_and_prey(tmp_path):
     for species in scenario.species:
         learner_class(species.learner)
         assert species.learner_settings.keys() <= settings(species.learner).keys()
-    assert [why for _, why in contract.check(scenario, 50) if why] == []
+    assert [str(error) for _, error in contract.check(scenario, 50) if error] == []
     env, rng = Ecology(scenario), np.random.default_rng(0)
     tick, bitten, born = env.reset_arrays(seed=0), 0, 0
     for _ in range(600):

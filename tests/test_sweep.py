@@ -249,9 +249,9 @@ def test_a_killed_run_is_gone_on_with_and_the_rest_lives(sweep: Sweep) -> None:
 
 
 def test_a_run_that_fails_by_itself_is_not_repeated(sweep: Sweep) -> None:
-    """An error that another attempt would not change is told once, in its own words."""
+    """An error that another attempt would not change is told once, in its own words, with exit code 2."""
     code, _, err = sweep("--seeds", "0:1", "--set", "refuses=true,false", "--workers", "1")
-    assert code == 1
+    assert code == 2
     assert "failed: ecology: the world refuses to be." in err
     assert attempts().count("refuses=True_seed=0") == 1
     assert rows()["set.refuses"] == [False]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ecology.env import Ecology, Group, Tick
+from ecology.observers.wishes import AGENTS, Click
 from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.spec import require
@@ -45,8 +46,8 @@ class Happening:
 class Census:
     """Finds what happened in each tick, and counts births and deaths since it began."""
 
-    def __init__(self, env: Ecology) -> None:
-        """Look at `env` as it stands."""
+    def __init__(self, env: Ecology, before: tuple[Sequence[int], Sequence[int]] | None = None) -> None:
+        """Look at `env` as it stands; `before`: who was born and died by now, by species."""
         state, groups = env.state_view, tuple(env.groups.values())
         self._groups = groups
         self._plane = plane_of(env.scenario.arena)
@@ -57,7 +58,7 @@ class Census:
         self._species_of = np.repeat([g.index for g in groups], [g.size for g in groups])
         self._action, self._gave, self._serial = state.action.copy(), state.gave, state.serial
         self._known = state.alive & (state.tick > 0)  # whose action of the last tick is known
-        self.born, self.died = np.zeros(len(groups), np.int64), np.zeros(len(groups), np.int64)
+        self.born, self.died = np.array(before or np.zeros((2, len(groups))), np.int64)
 
     def watch(self, state: State, tick: Tick, only: Ints | None = None) -> list[Happening]:
         """Return what happened in the tick that led to `state`; meals and sleeps of the slots `only` (k,), or all."""
@@ -150,6 +151,23 @@ def stocks(scenario: Scenario, state: State) -> Floats:
 
 
 @dataclass
+class Life:
+    """What n samples show of who is looked at; a series breaks where it is NaN."""
+
+    tick: Ints  # (n,)
+    time: Floats  # (n,)
+    internal: Floats  # (n, needs) x
+    drive: Floats  # (n,)
+    mean: Floats | None  # (n,) drive of its species
+    reward: Floats | None  # (n,)
+    action: Ints  # (n,)
+    place: Floats  # (n, 2)
+    names: Sequence[str]  # n
+    field: Sequence[Floats]  # n outlines (k, 2) of the view field
+    sight: Sequence[Floats]  # n times (k, 2), where lines of sight end
+
+
+@dataclass
 class Focus:
     """The agent that is looked at in every species: its slot, -1 while nobody of the species lives.
 
@@ -172,25 +190,61 @@ class Focus:
         """
         focus = cls(tuple(env.groups.values()))
         for word in asked:
-            if word == HUNGRIEST:
-                focus.hungriest = True
-                continue
-            species, _, serial = word.rpartition("_")
-            if word in env.groups:
-                species = word
-            else:
-                known = species in env.groups and serial.isdecimal()
-                if known and not env.open_population:
-                    known = word in env.possible_agents
-                require(
-                    known,
-                    f"focus: there is no agent {word!r}; give the name of an agent (as "
-                    f"{env.name_of(0) if env.state_view.serial[0] >= 0 else next(iter(env.groups)) + '_0'}), "
-                    f"a species ({', '.join(env.groups)}) or {HUNGRIEST!r}.",
-                )
-                focus.wanted[species] = int(serial)
+            species, serial = focus._who(env, word)
+            focus.hungriest |= species is None
+            if species is not None and serial is not None:
+                focus.wanted[species] = serial
             focus.first = focus.first or species
         return focus
+
+    def turn(self, env: Ecology, word: str) -> None:
+        """Ask for someone else in a world that lives; `look` then finds who it is.
+
+        Raises EcologyError where nobody of that name lives, and asks for nobody.
+        """
+        species, serial = self._who(env, word)
+        if species is None:
+            self.hungriest = True
+            self.wanted.clear()
+            return
+        if serial is not None:
+            state, rows = env.state_view, env.groups[species].slots
+            require(
+                bool((state.alive[rows] & (state.serial[rows] == serial)).any()),
+                f"focus: no {word} lives at tick {state.tick}; give the name of one that does, as the viewer and the "
+                "event log show them.",
+            )
+            self.wanted[species] = serial
+        self.first = species
+
+    def clicked(self, env: Ecology, click: Click) -> str | None:
+        """Return the name of whom a click means; None where it means no agent, or one that lives no more."""
+        state = env.state_view
+        for group in self.groups:
+            if click.entity == f"{AGENTS}/{group.name}" and click.row < group.size:
+                slot = group.slots.start + click.row
+                born = state.tick - state.age[slot] / env.dt  # another may have had the slot before
+                if state.alive[slot] and (click.tick is None or click.tick > born - 0.5):
+                    return env.name_of(slot)
+        return None
+
+    def _who(self, env: Ecology, word: str) -> tuple[str | None, int | None]:
+        """Return the species and the serial that `word` means: no serial of a species, neither of "hungriest"."""
+        if word == HUNGRIEST:
+            return None, None
+        if word in env.groups:
+            return word, None
+        species, _, serial = word.rpartition("_")
+        known = species in env.groups and serial.isdecimal()
+        if known and not env.open_population:
+            known = word in env.possible_agents
+        require(
+            known,
+            f"focus: there is no agent {word!r}; give the name of an agent (as "
+            f"{env.name_of(0) if env.state_view.serial[0] >= 0 else next(iter(env.groups)) + '_0'}), "
+            f"a species ({', '.join(env.groups)}) or {HUNGRIEST!r}.",
+        )
+        return species, int(serial)
 
     def look(self, state: State, *, anew: bool = False) -> list[str]:
         """Find the agents in focus, `anew` also where they live; return the species whose focus is another now."""

@@ -1,4 +1,4 @@
-"""The world and its minds in the Rerun viewer, live and as a recording; the only file that imports rerun.
+"""The world and its minds in the Rerun viewer, live and as a recording; what looks back at one is in hindsight.py.
 
 A recording holds one entity per species for its bodies, however many they are, and one agent in
 focus per species whose needs, drive, decision and deviation maps are drawn over time:
@@ -46,6 +46,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+
+# read by Rerun when it is loaded: that a file is written without its index is meant (see `_open`), no warning is due
+os.environ.setdefault("RUST_LOG", "warn,re_log_encoding::rrd::file_sink=error")
+
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
@@ -54,20 +58,20 @@ from ecology.env import Ecology, Group, Tick
 from ecology.errors import EcologyError
 from ecology.observers import census, colours, maps, shapes
 from ecology.observers.base import Mind
-from ecology.observers.census import Census, Focus, Happening
+from ecology.observers.census import Census, Focus, Happening, Life
 from ecology.observers.frame import Frame
 from ecology.observers.viewer import (
     LOOPBACK,
     checked_url,
+    complete,
     free_port,
     joined,
-    mended,
-    recording_of,
     resumed,
     stretches,
     viewer_process,
     whole,
 )
+from ecology.observers.wishes import Wishes
 from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.spec import Species, require
@@ -87,7 +91,7 @@ MARKS = 200  # per kind and sample, at most
 MEMORY = "256MB"  # of history kept for viewers that attach late
 BACKLOG = 64 * 2**20  # bytes that may wait for a viewer elsewhere; older ones are dropped
 PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
-QUICK = 512 * 2**20  # bytes up to which a recording is optimised at the end
+TIDY = 2 * 2**30  # bytes up to which a recording is put in order at the end, by a process that takes as much memory
 BACKGROUND, FLOOR, WALL, INK = (16, 18, 22), (42, 46, 54), (225, 225, 225), (235, 235, 235)
 FAINT = (120, 124, 132)
 MARKED = {"born": INK, "died": INK, "bit": colours.BITING, "gave": colours.GIVING}
@@ -122,6 +126,8 @@ class RerunObserver:
         name: str | None = None,
         focus: Iterable[str] = (),
         resume: bool = False,
+        before: tuple[Sequence[int], Sequence[int]] | None = None,
+        wishes: Wishes | None = None,
     ) -> None:
         """Record every `every` ticks, and deviation maps every `maps_every` ticks.
 
@@ -144,7 +150,8 @@ class RerunObserver:
         )
         self._path = Path(path) if path is not None else None
         self._every, self._maps_every, self._name, self._detail = every, maps_every, name, detail
-        self._asked, self._resume = tuple(focus), resume
+        self._asked, self._resume, self._before = tuple(focus), resume, before
+        self._wishes = wishes or Wishes()
         require(
             self._path is None or resume or not self._path.exists(),
             f"there is a recording at {str(path)!r} already; choose another folder, or resume that run.",
@@ -163,7 +170,7 @@ class RerunObserver:
         """Lay out the first screen and show the world as it stands."""
         state, scenario = env.state_view, env.scenario
         self._env, self._minds, self._grid = env, minds, maps.cover(scenario.arena)
-        self._focus, self._census = Focus.of(env, self._asked), Census(env)
+        self._focus, self._census = Focus.of(env, self._asked), Census(env, self._before)
         self._focus.look(state)
         self._scene = scene = Scene(
             scenario=census.without_functions(scenario),
@@ -199,20 +206,40 @@ class RerunObserver:
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
-        self._told.update(self._focus.look(state, anew=state.tick % FOCUS_TICKS == 0))
+        sampled = state.tick % self._every == 0
+        turned = sampled and self._heed(state)
+        self._told.update(self._focus.look(state, anew=turned or state.tick % FOCUS_TICKS == 0))
         slots = np.array(list(self._focus.slots.values()), np.int64)
         self._happened += self._census.watch(state, tick, None if self._scene.few else slots[slots >= 0])
         for name, past in self._past.items():
             past.follow(self._focus.serials[name], state.drive[self._focus.slots[name]])
-        if state.tick % self._every:
+        if not sampled:
             self._steps.append(self._placed(state))
             return
         self._sample(state, tick)
-        if state.tick >= self._next_map:
+        if turned or state.tick >= self._next_map:
             self._map(state)
         wait = SECONDS_LIVE if self._port or self._relay else SECONDS_FILE
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
+
+    def _heed(self, state: State) -> bool:
+        """Turn to those whom somebody wishes to see, where they live; say whether there were any."""
+        words = [name for click in self._wishes.clicks() if (name := self._focus.clicked(self._env, click))]
+        for word in words:
+            self._focus.turn(self._env, word)
+        if (asked := self._wishes.word()) is not None:
+            try:
+                self._focus.turn(self._env, asked)
+                self._wishes.answer(asked, f"{asked} is in focus from tick {state.tick} on", done=True)
+                words.append(asked)
+            except EcologyError as error:
+                self._wishes.answer(asked, str(error), done=False)
+        if self._scene.crowd and self._focus.first != self._scene.first:
+            self._scene.first = self._focus.first
+            if self._port or self._relay:  # a file alone keeps its first layout
+                self._show("lay_out", self._scene.first)
+        return bool(words)
 
     def flush(self) -> None:
         """Send the samples at hand, at a checkpoint."""
@@ -236,7 +263,7 @@ class RerunObserver:
             self._relay.close()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
-            if len(parts) > 1 or self._path.stat().st_size <= QUICK:
+            if len(parts) > 1 or self._path.stat().st_size <= TIDY:
                 joined(parts, self._path)
 
     def _open(self, tick: int) -> None:
@@ -254,7 +281,8 @@ class RerunObserver:
                     joined(stretches(self._path), self._path)
                 identity = recording_id(self._path)
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            sinks.append(rr.FileSink(str(self._target)))
+            # the index of a file grows in memory with every chunk sent, some 4 kB each; `end` makes it instead
+            sinks.append(rr.FileSink(str(self._target), write_footer=False))
         if self._port:
             sinks.append(rr.GrpcServerSink(self._host, self._port, server_memory_limit=MEMORY))
         self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
@@ -301,7 +329,7 @@ class RerunObserver:
             "born": self._census.born.copy(),
             "died": self._census.died.copy(),
             "stocks": census.stocks(scene.scenario, state),
-            "measures": np.array([float(m(state)) for m in self._env.scenario.measures.values()]),
+            "measures": np.array(self._env.scenario.measured(state)),
         }
         if self._sampled % SPARSE == 0:
             sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
@@ -431,6 +459,7 @@ class Scene:
     every: int
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
+    chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead
     _acted: dict[str, int] = field(default_factory=dict)
     _resources: np.ndarray | None = None
 
@@ -448,6 +477,10 @@ class Scene:
     def mixed(self) -> bool:
         """Return whether there are several species: bodies have their colours, and headings show the drive."""
         return len(self.groups) > 1
+
+    def _at(self, name: str) -> str:
+        """Return where the life of a species' focus is drawn."""
+        return f"chosen/{self.chosen[name]}" if name in self.chosen else f"focus/{name}"
 
     def colour(self, name: str) -> colours.Colour:
         """Return the colour of a species."""
@@ -573,31 +606,7 @@ class Scene:
         trail = colours.shaded(colour, 0.6)
         rec.log(f"world/trail/{name}", rr.Points2D.from_fields(radii=0.25 * radius, colors=[trail], draw_order=10),
                 static=True)  # fmt: skip
-        thin = rr.Radius.ui_points(0.4)
-        rec.log(f"world/focus/{name}", rr.LineStrips2D.from_fields(colors=[FAINT], radii=thin, draw_order=15),
-                static=True)  # fmt: skip
-        label = rr.Points2D.from_fields(radii=1e-4, colors=[INK], show_labels=True, draw_order=30)
-        rec.log(f"world/focus/{name}/name", label, static=True)
-        base, shades = f"focus/{name}", [colours.need_colour(i) for i in range(len(species.needs))]
-        _series(rec, f"{base}/deviation", [need.name for need in species.needs], shades)
-        words, lines = [], []
-        for need, shade in zip(species.needs, shades, strict=True):
-            words += [need.name, "set point", "lower bound", "upper bound"]
-            lines += [shade, INK, FAINT, FAINT]
-        _series(rec, f"{base}/needs", words, lines, [2.0, 1.0, 1.0, 1.0] * len(species.needs))
-        many = self.groups[name].size > 1
-        _series(rec, f"{base}/drive", ["in focus" if many else self.names[name], *(["mean of the species"] * many)],
-                [(240, 240, 240), colours.PALETTE[0]])  # fmt: skip
-        _series(rec, f"{base}/reward", ["reward"], [colours.PALETTE[1]])
-        rec.log(
-            f"{base}/action",
-            rr.StateConfiguration(
-                values=[a.name for a in species.actions],
-                labels=[a.name for a in species.actions],
-                colors=_packed(np.array(colours.action_colours(self.scenario, species), np.uint8)),
-            ),
-            static=True,
-        )
+        self.open_life(rec, name, species)
         for part, told in zip(("losses", "numbers"), _losses(self.told[name]), strict=True):
             if told:
                 _series(rec, f"learning/{name}/{part}", told, colours.PALETTE)
@@ -615,6 +624,35 @@ class Scene:
                 self.grid.corner,
                 (self.grid.cell,) * 2,
             )
+
+    def open_life(self, rec: rr.RecordingStream, name: str, species: Species) -> None:
+        """Name and colour what is drawn of the life of a species' focus."""
+        thin = rr.Radius.ui_points(0.4)
+        rec.log(f"world/{self._at(name)}", rr.LineStrips2D.from_fields(colors=[FAINT], radii=thin, draw_order=15),
+                static=True)  # fmt: skip
+        label = rr.Points2D.from_fields(radii=1e-4, colors=[INK], show_labels=True, draw_order=30)
+        rec.log(f"world/{self._at(name)}/name", label, static=True)
+        base, shades = self._at(name), [colours.need_colour(i) for i in range(len(species.needs))]
+        _series(rec, f"{base}/deviation", [need.name for need in species.needs], shades)
+        words, lines = [], []
+        for need, shade in zip(species.needs, shades, strict=True):
+            words += [need.name, "set point", "lower bound", "upper bound"]
+            lines += [shade, INK, FAINT, FAINT]
+        _series(rec, f"{base}/needs", words, lines, [2.0, 1.0, 1.0, 1.0] * len(species.needs))
+        many = self.groups[name].size > 1
+        who = self.chosen.get(name, "in focus" if many else self.names[name])
+        words = [who, *(["mean of the species"] * many)]
+        _series(rec, f"{base}/drive", words, [(240, 240, 240), colours.PALETTE[0]])
+        _series(rec, f"{base}/reward", ["reward"], [colours.PALETTE[1]])
+        rec.log(
+            f"{base}/action",
+            rr.StateConfiguration(
+                values=[a.name for a in species.actions],
+                labels=[a.name for a in species.actions],
+                colors=_packed(np.array(colours.action_colours(self.scenario, species), np.uint8)),
+            ),
+            static=True,
+        )
 
     def _open_population(self, rec: rr.RecordingStream) -> None:
         """Name and colour the series of the populations."""
@@ -677,7 +715,7 @@ class Scene:
                 times,
                 rr.Points2D.columns(positions=np.concatenate(steps)).partition([len(s) for s in steps]),
             )
-            self._draw_focus(rec, name, species, samples, times, column)
+            self._draw_focus(rec, name, species, samples, column)
             told = np.stack([s["told"][name] for s in samples])  # (n, K)
             for part, words in zip(("losses", "numbers"), _losses(self.told[name]), strict=True):
                 if words:
@@ -696,44 +734,56 @@ class Scene:
         name: str,
         species: Species,
         samples: Sequence[Mapping[str, Any]],
-        times: list[rr.TimeColumn],
         column: Mapping[str, np.ndarray],
     ) -> None:
         shown = [s["focus"][name] for s in samples]
         n, rows = np.arange(len(samples)), self.groups[name].slots
         slot = np.array([f["slot"] for f in shown])
         gap = np.where((slot < 0) | [f["anew"] for f in shown], np.nan, 0.0)  # a series breaks between two lives
-        needs = species.needs
-        x = column["internal"][n, slot][:, : len(needs)] + gap[:, None]
+        many = self.groups[name].size > 1
+        life = Life(
+            tick=column["tick"],
+            time=column["time"],
+            internal=column["internal"][n, slot][:, : len(species.needs)] + gap[:, None],
+            drive=column["drive"][n, slot] + gap,
+            mean=np.array([_mean(row) for row in column["drive"][:, rows]]) if many else None,
+            reward=column["reward"][n, slot] + gap,
+            action=np.where(slot < 0, DEAD, column["action"][n, slot]),
+            place=np.where((slot < 0)[:, None], np.nan, column["place"][n, slot]),
+            names=[f["name"] for f in shown],
+            field=[f.get("field", np.empty((0, 2))) for f in shown],
+            sight=[f.get("sight", np.empty((0, 2))) for f in shown],
+        )
+        self.draw_life(rec, name, species, life)
+        self._draw_decisions(rec, name, shown, column)
+
+    def draw_life(self, rec: rr.RecordingStream, name: str, species: Species, life: Life) -> None:
+        """Send what is drawn of the life of a species' focus."""
+        base, needs, times = self._at(name), species.needs, _times(life.tick, life.time)
+        x, n = life.internal, len(life.tick)
         target = np.array([need.set_point for need in needs])
         bounds = np.array([(need.set_point, need.low, need.bounds[1]) for need in needs])
         bounds[~np.isfinite(bounds)] = np.nan
-        beside = np.broadcast_to(bounds, (len(n), *bounds.shape))
-        _scalars(rec, f"focus/{name}/deviation", times, x - target)
-        _scalars(rec, f"focus/{name}/needs", times, np.concatenate([x[..., None], beside], axis=-1).reshape(len(n), -1))
-        drive = [column["drive"][n, slot] + gap]
-        if self.groups[name].size > 1:
-            drive.append(np.array([_mean(row) for row in column["drive"][:, rows]]))
-        _scalars(rec, f"focus/{name}/drive", times, np.stack(drive, axis=1))
-        _scalars(rec, f"focus/{name}/reward", times, (column["reward"][n, slot] + gap)[:, None])
-        self._draw_action(rec, name, species, column["tick"], column["time"],
-                          np.where(slot < 0, DEAD, column["action"][n, slot]))  # fmt: skip
+        beside = np.broadcast_to(bounds, (n, *bounds.shape))
+        _scalars(rec, f"{base}/deviation", times, x - target)
+        _scalars(rec, f"{base}/needs", times, np.concatenate([x[..., None], beside], axis=-1).reshape(n, -1))
+        drive = [life.drive] if life.mean is None else [life.drive, life.mean]
+        _scalars(rec, f"{base}/drive", times, np.stack(drive, axis=1))
+        if life.reward is not None:
+            _scalars(rec, f"{base}/reward", times, life.reward[:, None])
+        self._draw_action(rec, name, species, life.tick, life.time, life.action)
         # the view field and the lines of sight, in the plane
         strips: list[np.ndarray] = []
-        lengths, labels = [], []
-        for f, at in zip(shown, column["place"][n, slot], strict=True):
-            seen = [np.stack([at, there]) for there in f.get("sight", ())]
-            outline = f.get("field", np.empty((0, 2)))
-            seen += [outline] if len(outline) else []
+        lengths = []
+        for at, outline, sight in zip(life.place, life.field, life.sight, strict=True):
+            seen = [np.stack([at, there]) for there in sight] + ([outline] if len(outline) else [])
             strips += seen
             lengths.append(len(seen))
-            labels.append(f["name"])
-        rec.send_columns(f"world/focus/{name}", times, rr.LineStrips2D.columns(strips=strips).partition(lengths))
+        rec.send_columns(f"world/{base}", times, rr.LineStrips2D.columns(strips=strips).partition(lengths))
         if self.crowd:
-            place = np.where((slot < 0)[:, None], np.nan, column["place"][n, slot])
-            place = place - [0.0, 1.2 * self.radius(species)]
-            rec.send_columns(f"world/focus/{name}/name", times, rr.Points2D.columns(positions=place, labels=labels))
-        self._draw_decisions(rec, name, shown, column)
+            place = life.place - [0.0, 1.2 * self.radius(species)]
+            labels = rr.Points2D.columns(positions=place, labels=life.names)
+            rec.send_columns(f"world/{base}/name", times, labels)
 
     def _draw_action(
         self,
@@ -750,7 +800,7 @@ class Scene:
         if changed.size:
             words = [species.actions[a].name if a != DEAD else "" for a in action[changed]]
             rec.send_columns(
-                f"focus/{name}/action", _times(tick[changed], now[changed]), rr.StateChange.columns(state=words)
+                f"{self._at(name)}/action", _times(tick[changed], now[changed]), rr.StateChange.columns(state=words)
             )
 
     def _draw_decisions(
@@ -976,6 +1026,11 @@ class Scene:
 
     # ---- the first screen ------------------------------------------------------------------
 
+    def lay_out(self, rec: rr.RecordingStream, first: str | None) -> None:
+        """Show the life of the species `first` first from now on."""
+        self.first = first
+        rec.send_blueprint(self.blueprint())
+
     def blueprint(self) -> rrb.Blueprint:
         """Return the layout: the arena over the maps on the left; on the right a life, or populations and lives."""
         there = sorted(self.groups, key=lambda name: name != self.first)
@@ -1027,12 +1082,17 @@ class Scene:
             ]
         recent = max(MARK_TICKS, 2 * self.every) if self.few else self.every - 1  # of many, the last sample's alone
         overrides |= {f"world/marks/{kind}": _last(recent, self.scenario.dt) for kind in MARKED}
-        whose = "all" if self.few else "the focus"
+        whose = "all" if self.few else "the focus then" if self.chosen else "the focus"
         what = f"trails of {TRAIL_TICKS} ticks ({whose})" if self.crowd else f"its trail of {TRAIL_TICKS} ticks"
+        seen = "view field and lines of sight of the focus"
+        shown: list[str] = []
+        for name, who in self.chosen.items():  # in the place of the focus that was
+            seen = f"view field of {who}"
+            shown += [f"- /world/focus/{name}/**", f"+ /world/chosen/{who}/**"]
         return rrb.Spatial2DView(
             origin="/",
-            contents=["+ /world/**", "- /world/maps/**"],
-            name=f"{self.run}: {what}, view field and lines of sight of the focus",
+            contents=["+ /world/**", "- /world/maps/**", "- /world/chosen/**", *shown],
+            name=f"{self.run}: {what}, {seen}",
             background=BACKGROUND,
             visual_bounds=self._bounds(0.09, 0.11 + 0.055 * len(self._rows())),
             overrides=overrides,
@@ -1057,10 +1117,13 @@ class Scene:
                     visual_bounds=self._bounds(0.19, 0.03),
                 )
             )
-        return rrb.Grid(*views, grid_columns=len(views), name=f"deviation of {self._who(name)}")
+        whose = f"the {name} then in focus" if name in self.chosen else self._who(name)
+        return rrb.Grid(*views, grid_columns=len(views), name=f"deviation of {whose}")
 
     def _who(self, name: str) -> str:
         """Return what the agent in focus is called in a title: its name, or a word where it can change."""
+        if name in self.chosen:
+            return self.chosen[name]
         return f"{name} in focus" if self.groups[name].size > 1 or self.grows else self.names[name]
 
     def _population_views(self) -> rrb.Container:
@@ -1099,12 +1162,22 @@ class Scene:
         who, dt = self._who(name), self.scenario.dt
         at = rrb.TimeRangeBoundary.cursor_relative
         # in ticks, the timeline of the first screen; on sim_time the lane shows the present action alone
+        known = self.full or name not in self.chosen  # after the fact, of many, no rewards, nor what is felt of others
+        feels = self.scenario.species[self.groups[name].index].empathy is not None
+        title = "drive, whole life" if known or not feels else "drive of its own needs, whole life"
+        drive = _plot(f"/{self._at(name)}/drive", title)
+        reward = rrb.TimeSeriesView(
+            origin=f"/{self._at(name)}/reward",
+            name=f"reward, last {STATE_TICKS} ticks",
+            time_ranges=_last(STATE_TICKS, dt),
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
         latest = rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=at(seq=-ACTION_TICKS), end=at(seq=0)))
         views: list[rrb.View | rrb.Container] = [
             rrb.Tabs(
                 self._need_views(name),
                 rrb.TimeSeriesView(
-                    origin=f"/focus/{name}/deviation",
+                    origin=f"/{self._at(name)}/deviation",
                     name="x - x* of every need, its own unit",
                     time_ranges=_last(STATE_TICKS, dt),
                     plot_legend=LEGEND,
@@ -1114,27 +1187,18 @@ class Scene:
                 active_tab=0,
             ),
             rrb.StateTimelineView(
-                origin=f"/focus/{name}/action",
+                origin=f"/{self._at(name)}/action",
                 name=f"{who}: action; last {ACTION_TICKS} ticks",
                 time_ranges=_last(ACTION_TICKS, dt),
                 time_view=latest,
             ),
-            rrb.Horizontal(
-                _plot(f"/focus/{name}/drive", "drive, whole life"),
-                rrb.TimeSeriesView(
-                    origin=f"/focus/{name}/reward",
-                    name=f"reward, last {STATE_TICKS} ticks",
-                    time_ranges=_last(STATE_TICKS, dt),
-                    plot_legend=rrb.PlotLegend(visible=False),
-                ),
-            ),
+            rrb.Horizontal(drive, reward) if known else drive,
         ]
         shares = [3.0, 1.1, 1.6]
         learning = self._learning_views(name)
         if self.decides[name]:
-            text = rrb.TextDocumentView(
-                origin=f"/focus/{name}/decision", name="decision: the least score open is taken"
-            )
+            title = "decision: the least score open is taken"
+            text = rrb.TextDocumentView(origin=f"/{self._at(name)}/decision", name=title)
             views.append(rrb.Horizontal(text, rrb.Tabs(*learning, active_tab=0)) if learning else text)
             shares.append(2.6)
         elif learning:
@@ -1150,11 +1214,11 @@ class Scene:
             shown = [i == k // 4 for k in range(4 * len(species.needs))]
             views.append(
                 rrb.TimeSeriesView(
-                    origin=f"/focus/{name}/needs",
+                    origin=f"/{self._at(name)}/needs",
                     name=f"{need.name} (x* {need.set_point:g})",
                     time_ranges=_last(STATE_TICKS, self.scenario.dt),
                     plot_legend=rrb.PlotLegend(visible=False),
-                    overrides={f"focus/{name}/needs": rr.SeriesLines.from_fields(visible_series=shown)},
+                    overrides={f"{self._at(name)}/needs": rr.SeriesLines.from_fields(visible_series=shown)},
                 )
             )
         title = f"{self._who(name)}: every need with x* (white) and bounds (grey); last {STATE_TICKS} ticks"
@@ -1188,7 +1252,7 @@ class Scene:
         found: list[rrb.View] = (
             [_plot(f"/learning/{name}/losses", f"losses, log10: {', '.join(losses)}")] if losses else []
         )
-        if self.decides[name]:
+        if self.decides[name] and name not in self.chosen:
             found.append(
                 rrb.TimeSeriesView(
                     origin=f"/learning/{name}",
@@ -1416,10 +1480,7 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
     """
     from ecology.observers.film import FRAMES
 
-    path = recording_of(Path(run))
-    with tempfile.TemporaryDirectory() as folder:
-        one = whole(path) and not resumed(path).exists()
-        source = path if one else mended(path, Path(folder) / path.name)
+    with complete(run) as source:
         groups, start = [], 0
         for species in scenario.species:
             groups.append((species, slice(start, start + species.slots)))
@@ -1471,16 +1532,16 @@ def _column(path: Path, entity: str, component: str) -> dict[int, Any]:
     for chunk in RrdReader(str(path)).stream().filter(content=entity, components=component, is_static=False):
         batch = chunk.to_record_batch()
         ticks, values = batch.column("tick").to_pylist(), batch.column(component)
-        found |= {tick: _plain(values[i].values) for i, tick in enumerate(ticks) if values[i].is_valid}
+        found |= {tick: plain(values[i].values) for i, tick in enumerate(ticks) if values[i].is_valid}
     return dict(sorted(found.items()))
 
 
-def _plain(values: Any) -> Any:
+def plain(values: Any) -> Any:
     """Return an Arrow array as NumPy, nested ones of one length flattened; strips of points as a list of those."""
     if pa.types.is_list(values.type):
-        return [_plain(each.values) for each in values]
+        return [plain(each.values) for each in values]
     if pa.types.is_fixed_size_list(values.type):
-        return _plain(values.flatten())
+        return plain(values.flatten())
     return values.to_numpy(zero_copy_only=False)
 
 
@@ -1501,13 +1562,11 @@ def screenshot(
     """
     from PIL import Image
 
-    path, target = recording_of(Path(run)), Path(picture)
+    target = Path(picture)
     require(target.suffix == ".png", f"a screenshot is a .png file, got {str(target)!r}.")
     require(not target.exists(), f"the file {str(target)!r} exists; choose another name.")
     require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the screenshot; make it first.")
-    with tempfile.TemporaryDirectory() as folder:
-        one = whole(path) and not resumed(path).exists()
-        source = path if one else mended(path, Path(folder) / path.name)
+    with complete(run) as source, tempfile.TemporaryDirectory() as folder:
         shown = Path(folder) / target.name
         _shoot(source.resolve(), shown, tick, size)
         with Image.open(shown) as drawn:  # without the window's own bar

@@ -1,4 +1,4 @@
-"""The Rerun viewer as a process: opened on a recording, attached to a run, or served to a browser.
+"""The Rerun viewer as a process: opened on a recording, or attached to a run.
 
 Every process is bound to the loopback address: whoever reaches a viewer's port can read and write.
 """
@@ -22,7 +22,7 @@ from ecology.spec import require
 LOOPBACK = "127.0.0.1"
 RECORDING = "recording.rrd"  # in a run's folder
 SERVE_PORT, WEB_PORT = 9876, 9090  # the defaults of Rerun
-TIDYING = 300.0  # seconds granted to putting a recording in order
+TIDYING, PACE = 300.0, 4e6  # granted to putting a recording in order: seconds, and bytes per second besides
 
 
 def view(run: Path | str) -> None:
@@ -31,11 +31,8 @@ def view(run: Path | str) -> None:
     A recording that was cut short is opened as far as it goes. Raises EcologyError where there is
     no recording, it is not one, or no viewer can be opened.
     """
-    path = recording_of(Path(run))
-    needs_display(f"copy {str(path)!r} to a machine with a screen and open it there")
-    with tempfile.TemporaryDirectory() as folder:
-        one = whole(path) and not resumed(path).exists()
-        source = path if one else mended(path, Path(folder) / RECORDING)
+    needs_display(f"copy {str(recording_of(Path(run)))!r} to a machine with a screen and open it there, or use --serve")
+    with complete(run) as source:
         with viewer_process(str(source), "--port", "auto", errors=subprocess.PIPE) as process:
             try:
                 said = (process.communicate()[1] or b"").decode(errors="replace").strip()
@@ -44,17 +41,19 @@ def view(run: Path | str) -> None:
         _started(process.returncode, said)
 
 
+@contextlib.contextmanager
+def complete(run: Path | str) -> Iterator[Path]:
+    """Give the recording of a run (its folder or the file) as one whole file, a copy where it was cut short."""
+    path = recording_of(Path(run))
+    with tempfile.TemporaryDirectory() as folder:
+        one = whole(path) and not resumed(path).exists()
+        yield path if one else mended(path, Path(folder) / RECORDING)
+
+
 def attach(url: str) -> subprocess.Popen[bytes]:
     """Open the viewer on a run that serves at `url` (`RerunObserver.url`); it outlives the run."""
     needs_display("use --serve and look from a browser")
     return _start(url, "--port", "auto", "--expect-data-soon", own_session=True)
-
-
-def serve_browser(url: str, port: int = WEB_PORT) -> tuple[subprocess.Popen[bytes], str]:
-    """Serve the viewer to browsers on this machine; return the process and the address to open."""
-    port = free_port(LOOPBACK, port)
-    process = _start("--serve-web", "--web-viewer-port", str(port), url, own_session=True)
-    return process, f"http://{LOOPBACK}:{port}/?url={urllib.parse.quote(url, safe='')}"
 
 
 def recording_of(run: Path) -> Path:
@@ -101,6 +100,12 @@ def mended(path: Path, target: Path) -> Path:
         _tidied(stretches(path), target),
         f"the recording {str(path)!r} is damaged and nothing of it can be read; record the run again.",
     )
+    return target
+
+
+def merged(parts: Sequence[Path], target: Path) -> Path:
+    """Write recordings of one identity as one to the new file `target`."""
+    require(_tidied(parts, target, "merge"), f"the recording {str(parts[0])!r} cannot be read; record the run again.")
     return target
 
 
@@ -184,12 +189,13 @@ def _started(code: int, said: str) -> None:
     )
 
 
-def _tidied(parts: Sequence[Path], target: Path) -> bool:
-    """Write what can be read of `parts` to `target`, in few large chunks; say whether that was anything."""
+def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
+    """Write what can be read of `parts` to `target`, optimised in few large chunks; say whether that was anything."""
     unfinished = target.with_suffix(".unfinished.rrd")
-    command = [*_viewer(), "rrd", "optimize", *map(str, parts), "-o", str(unfinished)]
+    command = [*_viewer(), "rrd", how, *map(str, parts), "-o", str(unfinished)]
     try:
-        done = subprocess.run(command, check=False, capture_output=True, timeout=TIDYING, env=_quiet())
+        patience = TIDYING + sum(part.stat().st_size for part in parts) / PACE
+        done = subprocess.run(command, check=False, capture_output=True, timeout=patience, env=_quiet())
         good = done.returncode == 0 and unfinished.stat().st_size > 0 and whole(unfinished)
     except (OSError, subprocess.TimeoutExpired):
         good = False

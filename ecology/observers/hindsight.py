@@ -1,0 +1,238 @@
+"""What a recording holds of any agent, drawn after the fact as the life of the agent in focus is.
+
+Bodies are recorded all, a row per slot: their places, headings, variables, actions and drives. What only
+the agent in focus shows, its decision and its lines of sight, was recorded for whoever that was, and
+is said to be missing of others. The life is drawn as a layer: a small recording of the same identity
+with entities of its own (chosen/AGENT, world/chosen/AGENT) and a layout, which viewers add to the
+recording. Of several layouts in a file one is shown by chance, so the recording's own is left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from ecology import physiology
+from ecology.env import Ecology
+from ecology.observers import maps, rerun, shapes
+from ecology.observers.census import HUNGRIEST, Life, without_functions
+from ecology.observers.viewer import merged
+from ecology.observers.wishes import AGENTS, Click
+from ecology.scenario import Scenario
+from ecology.spec import require
+
+Column = tuple[np.ndarray, np.ndarray]  # ticks (n,) and values (n, ...)
+
+
+class Hindsight:
+    """Finds agents in a recording and draws their lives."""
+
+    def __init__(self, recording: Path, scenario: Scenario, name: str) -> None:
+        """Look into the file `recording` of a run of `scenario`, which is called `name`."""
+        self._path, self._lock = recording, threading.Lock()
+        self._identity = rerun.recording_id(recording)
+        env = Ecology(scenario)
+        self._groups = {name: group for name, group in env.groups.items() if group.size}
+        there = {chunk.entity_path for chunk in RrdReader(str(recording)).stream()}
+        self._serials = {name: self._column(f"{AGENTS}/{name}", "serial") for name in self._groups}
+        ticks = next(iter(self._serials.values()))[0] if self._groups else np.zeros(1, int)
+        require(len(ticks) > 0, f"the recording {str(recording)!r} holds no agent of this scenario.")
+        drives = self._column(f"{AGENTS}/{next(iter(self._groups))}", "drive")
+        few = env.size <= rerun.FEW
+        self._scene = rerun.Scene(
+            scenario=without_functions(scenario),
+            groups=self._groups,
+            names={name: f"{name}_{serial[0][0]}" for name, (_, serial) in self._serials.items()},
+            first=None,
+            told={name: self._told(name) for name in env.groups},
+            mapped={name: any(path.startswith(f"/world/maps/{name}/") for path in there) for name in env.groups},
+            decides={name: f"/focus/{name}/decision" in there for name in env.groups},
+            coupled=tuple(name for name in env.groups if f"/population/coupling/{name}" in there),
+            measures=tuple(scenario.measures),
+            grows=env.open_population,
+            marks=tuple(shapes.marked(scenario)),
+            grid=maps.cover(scenario.arena),
+            run=name,
+            every=int(np.diff(ticks[:2]).sum()) or 1,
+            full=len(drives[0]) > 0,
+            few=few,
+        )
+
+    def who(self, click: Click) -> str | None:
+        """Return the name of whom a click means, who had the slot at that tick; None of anything else."""
+        for name, (ticks, serials) in self._serials.items():
+            if click.entity == f"{AGENTS}/{name}" and click.row < serials.shape[1]:
+                row = len(ticks) if click.tick is None else int(np.searchsorted(ticks, click.tick, side="right"))
+                serial = int(serials[max(row - 1, 0), click.row])
+                return f"{name}_{serial}" if serial >= 0 else None
+        return None
+
+    def hear(self, click: Click) -> bytes | None:
+        """Return the layer of whom a click means, None of anything else."""
+        name = self.who(click)
+        return self.layer(name) if name is not None and self._scene.crowd else None
+
+    def shown(self, word: str | None, target: Path) -> Path:
+        """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
+        with tempfile.TemporaryDirectory() as folder:
+            bare, layer = Path(folder) / "bare.rrd", Path(folder) / "layer.rrd"
+            stream = RrdReader(str(self._path)).stream()
+            stream.write_rrd(str(bare), application_id=self._scene.application, recording_id=self._identity)
+            layer.write_bytes(self.layer(word))
+            return merged([bare, layer], target)
+
+    def layer(self, word: str | None = None) -> bytes:
+        """Return the layer, a recording, that shows an agent by name, or first the focus of a species.
+
+        Raises EcologyError for a name that the recording does not hold.
+        """
+        species, serial = (None, None) if word is None else self._meant(word)
+        if not self._scene.crowd:  # one agent, which was in focus all the time
+            serial = None
+        chosen = {} if species is None or serial is None else {species: f"{species}_{serial}"}
+        scene = dataclasses.replace(self._scene, first=species, chosen=chosen, _acted={})
+        with self._lock, tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "layer.rrd"
+            rec = rr.RecordingStream(scene.application, recording_id=self._identity, send_properties=False)
+            rec.set_sinks(rr.FileSink(str(path)))
+            rec.set_log_time_enabled(False)
+            if species is not None and serial is not None:
+                self._draw(rec, scene, species, serial)
+            rec.send_blueprint(scene.blueprint())
+            rec.flush()
+            rec.disconnect()
+            return path.read_bytes()
+
+    def _meant(self, word: str) -> tuple[str, int | None]:
+        """Return the species and the serial that `word` means, no serial of a species."""
+        if word in self._groups:
+            return word, None
+        species, _, number = word.rpartition("_")
+        known = species in self._groups and number.isdecimal()
+        require(
+            known and bool((self._serials[species][1] == int(number)).any()),
+            f"focus: the recording holds no agent {word!r} at any recorded tick; give the name of one that it shows, "
+            f"or a species ({', '.join(self._groups)})"
+            + (f". {HUNGRIEST!r} is of a run that is alive." if word == HUNGRIEST else "."),
+        )
+        return species, int(number)
+
+    def _draw(self, rec: rr.RecordingStream, scene: rerun.Scene, name: str, serial: int) -> None:
+        """Draw the life of an agent, and after it a row of nothing."""
+        group, who = self._groups[name], f"{name}_{serial}"
+        species, entity = scene.scenario.species[group.index], f"{AGENTS}/{name}"
+        ticks, serials = self._serials[name]
+        row, slot = np.nonzero(serials == serial)
+        if row[-1] + 1 < len(ticks):  # where another has the slot, nothing of this one is left to be seen
+            row, slot = np.append(row, row[-1] + 1), np.append(slot, slot[-1])
+
+        def of(component: str) -> np.ndarray:
+            return self._rows(entity, component, ticks[row], slot)
+
+        x = np.stack([of(need.name) for need in species.needs], axis=1).astype(float)
+        place, way = of("Points2D:positions").astype(float), of("Arrows2D:vectors")
+        angle, lives = np.arctan2(way[:, 1], way[:, 0]), np.isfinite(x).all(axis=1) & (serials[row, slot] == serial)
+        if scene.full:
+            drive, reward = of("drive").astype(float), of("reward").astype(float)
+        else:  # of its own needs
+            delta = np.where([n.regulated for n in species.needs], x - [n.set_point for n in species.needs], 0.0)
+            drive, reward = physiology.drive(delta, species.drive_epsilon, species.drive_exponent), None
+        field = [shapes.view_field(species, p, a) if live else np.empty((0, 2))
+                 for p, a, live in zip(place, angle, lives, strict=True)]  # fmt: skip
+        for value in (x, place, drive, *([] if reward is None else [reward])):
+            value[~lives] = np.nan
+        mean = None
+        if group.size > 1:
+            known, means = self._column("/population/drive", "Scalars:scalars")
+            i = 3 * list(self._groups).index(name)
+            mean = np.array([dict(zip(known, means[:, i], strict=True)).get(tick, np.nan) for tick in ticks[row]])
+        life = Life(
+            tick=ticks[row],
+            time=ticks[row] * scene.scenario.dt,
+            internal=x,
+            drive=drive,
+            mean=mean,
+            reward=reward,
+            action=np.where(lives, of("action"), rerun.DEAD),
+            place=place,
+            names=[who] * len(row),
+            field=field,
+            sight=[np.empty((0, 2))] * len(row),
+        )
+        scene.open_life(rec, name, species)
+        scene.draw_life(rec, name, species, life)
+        if scene.decides[name] and lives.any():
+            self._decided(rec, name, who, ticks[row[lives]])
+
+    def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray) -> None:
+        """Write what the agent weighed where it was in focus, and elsewhere that it was not."""
+        known, texts = self._column(f"/focus/{name}/decision", "TextDocument:text")
+        its = {tick: text for tick, (text,) in zip(known, texts, strict=True) if text.startswith(f"**{who}**")}
+        when = f"It was in focus within ticks {min(its)} to {max(its)}." if its else "It never was in focus."
+        note = f"**{who}** was not in focus here, and what it weighed was not recorded. {when}"
+        shown = np.array([its.get(tick, note) for tick in ticks], object)
+        new = np.flatnonzero(np.append(True, shown[1:] != shown[:-1]))
+        rec.send_columns(
+            f"chosen/{who}/decision",
+            [
+                rr.TimeColumn("tick", sequence=ticks[new]),
+                rr.TimeColumn("sim_time", duration=ticks[new] * self._scene.scenario.dt),
+            ],
+            rr.TextDocument.columns(text=shown[new].tolist(), media_type=["text/markdown"] * len(new)),
+        )
+
+    def _told(self, name: str) -> tuple[str, ...]:
+        """Return the numbers that a species' mind reported, by name."""
+        found: list[str] = []
+        for part in ("losses", "numbers"):
+            for chunk in (
+                RrdReader(str(self._path))
+                .stream()
+                .filter(content=f"/learning/{name}/{part}", components="SeriesLines:names", is_static=True)
+            ):
+                found += chunk.to_record_batch().column("SeriesLines:names").to_pylist()[-1]
+        return tuple(found)
+
+    def _column(self, entity: str, component: str) -> Column:
+        """Return a component by tick, in order: (n,) and (n, instances, ...)."""
+        found = list(self._parts(entity, component))
+        if not found:
+            return np.zeros(0, int), np.zeros((0, 0))
+        ticks = np.concatenate([part[0] for part in found])
+        ticks, last = np.unique(ticks[::-1], return_index=True)  # of two at one tick, the last
+        return ticks, np.concatenate([part[1] for part in found])[::-1][last]
+
+    def _rows(self, entity: str, component: str, ticks: np.ndarray, slot: np.ndarray) -> np.ndarray:
+        """Return a component of the instance `slot` (n,) at `ticks` (n,), which rise, (n, ...)."""
+        found: np.ndarray | None = None
+        for known, values in self._parts(entity, component):
+            at = np.searchsorted(ticks, known).clip(max=len(ticks) - 1)
+            there = ticks[at] == known
+            if found is None:
+                found = np.full(
+                    (len(ticks), *values.shape[2:]), np.nan if values.dtype.kind == "f" else 0, values.dtype
+                )
+            found[at[there]] = values[there, slot[at[there]]]
+        assert found is not None
+        return found
+
+    def _parts(self, entity: str, component: str) -> Iterator[Column]:
+        """Give a component chunk by chunk: ticks (n,) and values (n, instances, ...)."""
+        stream = RrdReader(str(self._path)).stream()
+        for chunk in stream.filter(content=entity, components=component, is_static=False):
+            batch = chunk.to_record_batch()
+            column = batch.column(component)
+            known = column.is_valid().to_numpy(zero_copy_only=False)
+            ticks = batch.column("tick").to_numpy(zero_copy_only=False)[known]
+            values = rerun.plain(column.flatten())
+            two = pa.types.is_fixed_size_list(column.type.value_type)
+            if len(ticks):
+                yield ticks, values.reshape(len(ticks), -1, 2) if two else values.reshape(len(ticks), -1)

@@ -1,0 +1,68 @@
+"""An exception in a user's own code: told by its place there, without the project's frames around it.
+
+A user's own code is a scenario file, what it imports, and a learner: whatever is neither a library's nor the
+project's. Scenarios and learners that ship are told in the same way.
+"""
+
+from __future__ import annotations
+
+import sys
+import sysconfig
+import traceback
+from pathlib import Path
+
+import scenarios
+from ecology import EcologyError
+
+HOUSE = {str(Path(__file__).parents[1] / package) for package in ("ecology", "agents", "scenarios")}
+LIBRARIES = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
+FOREIGN = {"site-packages", "dist-packages"}  # folders of libraries, wherever they lie
+
+
+class FaultError(EcologyError):
+    """An exception in a user's own code; `frames` is its traceback from there on, as text."""
+
+    def __init__(self, message: str, frames: str) -> None:
+        super().__init__(message)
+        self.frames = frames
+
+
+def of(error: BaseException) -> FaultError | None:
+    """Return what `error` says and where in a user's own code it came from; None where it came from elsewhere."""
+    if isinstance(error, FaultError):
+        return error
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [i for i, frame in enumerate(frames) if _is_own(frame.filename)]
+    if not own:
+        return None
+    where = frames[own[-1]]
+    place = f"{where.filename}, line {where.lineno}, in {where.name}"
+    return FaultError(f"{place}: {_words(error)}", "".join(traceback.format_list(frames[own[0] :])))
+
+
+def named(what: str, error: BaseException, then: str = "") -> EcologyError:
+    """Return the error that says that `what` failed by `error`, where, and what to do `then`."""
+    fault, message = of(error), f"{what}: {told(error)}. {then}".rstrip()
+    return EcologyError(message) if fault is None else FaultError(message, fault.frames)
+
+
+def told(error: BaseException) -> str:
+    """Return what `error` says, and where it came from if that is a user's own code."""
+    return str(of(error) or _words(error))
+
+
+def _words(error: BaseException) -> str:
+    said = str(error).strip()
+    return said if isinstance(error, EcologyError) else f"{type(error).__name__}: {said}".removesuffix(": ")
+
+
+def _is_own(file: str) -> bool:
+    """Return whether `file` is a scenario, a learner, or neither of the project nor of a library."""
+    path = Path(file)
+    if path.parent == scenarios.HERE and path.stem in scenarios.names():
+        return True
+    learners = getattr(sys.modules.get("agents"), "LEARNERS", {})  # not loaded: nobody acts
+    if any(getattr(sys.modules.get(module), "__file__", None) == file for module, *_ in learners.values()):
+        return True
+    above = set(map(str, path.parents))
+    return not file.startswith("<") and not above & (HOUSE | LIBRARIES) and not FOREIGN & set(path.parts)
