@@ -78,7 +78,14 @@ def build(
         solid=False,
         drive_epsilon=1e-12,
         drive_exponent=2.0,
-        learner_settings={**LEARNER, "gamma": 0.97, "width": 48, "epsilon": 0.9, "epsilon_final": 0.2},
+        learner_settings={
+            **LEARNER,
+            "gamma": 0.97,
+            "width": 48,
+            "epsilon": 0.9,
+            "epsilon_final": 0.2,
+            "update_every": 1.0,
+        },
     )
     partner = Species(
         name="partner",
