@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -395,6 +395,37 @@ def feeds_itself(env: Ecology) -> Ints:
     return np.where(carried > 0, np.where(x < 1, eat, rest_), np.where(cell > 0, left, get))
 
 
+def rests(env: Ecology) -> Ints:
+    """Return rest, always (trap)."""
+    group = env.groups["agent"]
+    return np.full(group.size, group.actions.index("rest"))
+
+
+def forages(env: Ecology) -> Ints:
+    """Return what fetches food, keeps it in hand and eats it when it is due, each for itself (trap)."""
+    return _trap(env, helps_=False)
+
+
+def rescues(env: Ecology) -> Ints:
+    """Return the same, but who holds food brings it to a partner that is trapped and holds none (trap)."""
+    return _trap(env, helps_=True)
+
+
+def _trap(env: Ecology, *, helps_: bool) -> Ints:
+    state, names = env.state_view, env.groups["agent"].actions
+    x, carried = state.internal.T
+    eat, get, pass_ = (names.index(name) for name in ("eat", "consume_food", "pass"))
+    calls = helps_ & (x[::-1] <= trap.TRAPPED) & (carried[::-1] == 0) & (x > trap.TRAPPED) & (carried > 0)
+    gap = np.where((carried > 0)[:, None], state.position[::-1], state.resource_position[0]) - state.position
+    ways = np.array([list(trap.WAYS).index(name) for name in ("left", "right", "down", "up")])
+    axis = np.abs(gap).argmax(axis=1)
+    toward = names.index(next(iter(trap.WAYS))) + ways[2 * axis + (gap[np.arange(2), axis] > 0)]
+    far = np.hypot(*gap.T)
+    fetches = np.where(far < trap.REACH, get, toward)
+    keeps = np.where(x <= 1 - trap.MEAL, eat, names.index("rest"))
+    return np.where(calls, np.where(far < trap.HAND, pass_, toward), np.where(carried > 0, keeps, fetches))
+
+
 @dataclass(frozen=True)
 class Empathic:
     """How one of the set-ups of Man and Yoshida is learned and measured."""
@@ -529,7 +560,20 @@ def _scripted_parts(e: Empathic) -> list[Part]:
         ]
     if e.name == "grid_rooms":
         return [Part("scripted-alone", {"lives": 20 * 10}, 8.0, lambda: live(feeds_itself, 10)[0])]
-    return []
+
+    def trapped(policy: _episodes.Policy) -> Callable[[], list[float]]:
+        return lambda: [float(n) for n in _episodes.scripted(e.name, words, policy, 1, 10, e.cap)[0][0]]
+
+    told = {"lives": 10, "cap": e.cap}
+    return [Part(f"scripted-{policy.__name__}", told, 25.0, trapped(policy)) for policy in (rests, forages, rescues)]
+
+
+def _against_idle(row: Row, idle: Sequence[float] | None) -> str:
+    """Return the verdict on a row that nothing is known of, beside lives of those who do nothing."""
+    interval = row.interval()
+    if idle is None or interval is None:
+        return "no number to compare with"
+    return "better than doing nothing" if interval[0] > np.mean(idle) else "cannot be told from doing nothing"
 
 
 def _empathy_rows(e: Empathic, done: Mapping[str, Any]) -> list[Row]:
@@ -543,6 +587,14 @@ def _empathy_rows(e: Empathic, done: Mapping[str, Any]) -> list[Row]:
         found.append(Row(f"share of passes, {policy}", rates, closed=1 / 11))
     if "scripted-alone" in done:
         found.append(Row("ticks lived, feeding itself alone, 200 lives", done["scripted-alone"], closed=ALONE))
+    for policy, what in (
+        ("rests", "doing nothing"),
+        ("forages", "foraging, each for itself"),
+        ("rescues", "foraging and feeding who is trapped"),
+    ):
+        if f"scripted-{policy}" in done:
+            lives = done[f"scripted-{policy}"]
+            found.append(Row(f"ticks lived, {what}, {len(lives)} lives", lives, verdict="scripted"))
     for learner in ("hjb", "ppo"):
         for condition in CONDITIONS:
             keys = [key for key in done if f"{key}-".startswith(f"{learner}-{condition}-")]
@@ -550,9 +602,11 @@ def _empathy_rows(e: Empathic, done: Mapping[str, Any]) -> list[Row]:
                 continue
             ours = [value for key in keys for value in done[key]]
             theirs, closed = e.theirs.get(condition), e.closed.get(condition)
-            given = None if theirs or closed else "no number to compare with"
             what = f"ticks lived, {'f/J' if learner == 'hjb' else 'PPO'}, {condition}"
-            found.append(Row(what, ours, theirs=theirs, closed=closed, verdict=given))
+            row = Row(what, ours, theirs=theirs, closed=closed)
+            if theirs is None and closed is None:
+                row = replace(row, verdict=_against_idle(row, done.get("scripted-rests")))
+            found.append(row)
     return found
 
 

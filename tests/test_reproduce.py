@@ -151,6 +151,37 @@ def test_short_cases_agree_with_their_closed_forms(name, tmp_path):
     assert all(row.says() == "agrees" for row in rows)
 
 
+def test_the_yardsticks_of_the_trap():
+    """Who rests starves with the first accident or without; who forages has no need to; who rescues feeds the other."""
+    words = {"condition": "none"}
+    lives = {p: _episodes.scripted("trap", words, p, 1, 2, 1500) for p in (_reproduce.rests, _reproduce.forages)}
+    assert max(lives[_reproduce.rests][0][0]) <= 1200  # at most 1 + 0.2 of energy, 0.001 a tick
+    assert lives[_reproduce.forages][0][0] == [1500, 1500]
+    for policy, helped in ((_reproduce.forages, False), (_reproduce.rescues, True)):
+        env = Ecology(scenarios.load("trap"))
+        env.reset_arrays(0)
+        env.step_arrays(_reproduce.rests(env))
+        place = np.array([[-0.8, 0.7], [0.8, -0.7]])
+        env.put(internal=np.array([[1.0, 1.0], [0.25, 0.0]]), position=place)
+        for _ in range(40):
+            env.step_arrays(policy(env))
+        assert (env.state_view.internal[1].sum() > 0.3) == helped  # food in hand, or eaten
+        assert (env.state_view.received[1, 1] > 0) == helped
+
+
+def test_learners_of_the_trap_are_held_to_who_does_nothing():
+    """Without a number from elsewhere, a row says whether its interval lies above the lives of those who rest."""
+    done = {"scripted-rests": [800.0, 820.0], "hjb-none": [700.0, 1000.0, 900.0], "hjb-full": [1500.0, 1510.0, 1505.0]}
+    says = {row.what: row.says() for row in _reproduce.cases()["trap"].rows(done)}
+    assert says == {
+        "ticks lived, doing nothing, 2 lives": "scripted",
+        "ticks lived, f/J, none": "cannot be told from doing nothing",
+        "ticks lived, f/J, full": "better than doing nothing",
+    }
+    del done["scripted-rests"]
+    assert {row.says() for row in _reproduce.cases()["trap"].rows(done)} == {"no number to compare with"}
+
+
 def test_a_walk_to_food_is_one_action(monkeypatch):
     """Counted by actions, a walk to food is met once, with the drive at its end; counted by ticks, at every tick."""
     env = Ecology(scenarios.load("paper_reference", arena="EASY", heading=False, start=(2.0, 2.0)))
