@@ -136,6 +136,14 @@ class Batch(NamedTuple):
     goal: np.ndarray  # (b,)
 
 
+class Ahead(NamedTuple):
+    """What will be decided on next, scored in the pass of an update, while weights are in the cache."""
+
+    zeta: np.ndarray  # (n, D)
+    open: np.ndarray  # bool (n, M); nothing is open where nothing is to be decided
+    score: np.ndarray  # (n, M)
+
+
 class Way(NamedTuple):
     """The movements under way."""
 
@@ -813,8 +821,8 @@ def decide_each(s, brains, slots, rows, room):
 
 
 @compiled
-def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
-    """Take one step on L_f and then one on L_J for every `ready` agent from `start` to `stop`."""
+def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop):
+    """Take one step on L_f and on L_J for every `ready` agent from `start` to `stop`, and score what is `ahead`."""
     parts, b, bf = ring.zeta.shape[2], draws.batch, draws.batch_f
     inputs = len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
     room = room_for(s, max(b * s.movements, bf), parts, s.movements * (parts + 1), inputs, b)
@@ -834,13 +842,14 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
         np.empty((b, s.movements), F),
         np.empty(b, F),
     )
-    update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop, room, batch)
+    update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop, room, batch)
 
 
 @compiled
-def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop, room, batch):
+def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop, room, batch):
     """Do what `update` does, in `room` and `batch`."""
     s, brains, ring, draws, room = borrowed(s), borrowed(brains), borrowed(ring), borrowed(draws), borrowed(room)
+    ahead = borrowed(ahead)
     g_f, g_j, at, at_f, zeta_f, after_f, time_f, done_f, zeta, pace, done, open_, table, goal = borrowed(batch)
     parts, capacity = ring.zeta.shape[2], ring.zeta.shape[1]
     b, bf, m = draws.batch, draws.batch_f, draws.imagined
@@ -918,6 +927,9 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop
             slow, fast = brains.target[i], brains.J[i]
             for p in range(len(slow)):
                 slow[p] += POLYAK * (fast[p] - slow[p])
+        if ahead.open[i].any():
+            here, options, table_ahead = ahead.zeta[i : i + 1], ahead.open[i : i + 1], ahead.score[i : i + 1]
+            scores(s, here, options, brains.f[i], brains.J[i], centres, cells, room, table_ahead)
 
 
 @compiled
