@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from agents import kernels
-from agents.kernels import Brains, Draws, Ring, Senses
+from agents.kernels import Ahead, Brains, Draws, Ring, Senses
 from ecology import EcologyError
 
 NAMES = r"cpu|mps|cuda(:\d+)?"
@@ -65,8 +65,12 @@ class Device(ABC):
         rate: np.ndarray,
         loss_f: np.ndarray,
         loss_j: np.ndarray,
+        ahead: Ahead,
     ) -> None:
-        """Take one step on L_f and then one on L_J for every `ready` agent (n,), and fill in their losses (n,)."""
+        """Take one step on L_f and then one on L_J for every `ready` agent (n,), and fill in their losses (n,).
+
+        Then fill in the scores of the movements `ahead` that are open to one of them.
+        """
 
     @abstractmethod
     def value(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:
@@ -120,9 +124,11 @@ class Cpu(Device):
         rate: np.ndarray,
         loss_f: np.ndarray,
         loss_j: np.ndarray,
+        ahead: Ahead,
     ) -> None:
         self._share(
-            lambda a, b: kernels.update(self.senses, brains, ring, draws, ready, rate, loss_f, loss_j, a, b), len(ready)
+            lambda a, b: kernels.update(self.senses, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, a, b),
+            len(ready),
         )
 
     def value(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:  # noqa: D102

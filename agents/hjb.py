@@ -211,6 +211,12 @@ class HJB(Learner):
         self.trail_open = np.zeros((n, TRAIL, self.count), bool)
         self.way = kernels.Way(self.movement, self.stage, self.left, self.elapsed, self.trail, self.trail_open)
         self.free = np.zeros(n, bool)  # who has no movement to go on with
+        # what the next decision is on, as an update has scored it; nothing is open where it has not
+        self.ahead = kernels.Ahead(
+            np.zeros((n, self.components), np.float32),
+            np.zeros((n, self.count), bool),
+            np.zeros((n, self.count), np.float32),
+        )
         self.more = np.zeros(n, np.int64)  # strides that an explored walk goes on for
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.ticks = 0
@@ -330,6 +336,7 @@ class HJB(Learner):
             self.left[free] -= 1
             self.elapsed[free] += 1
             actions[free] = self.moves.action[self.movement[free], self.stage[free]]
+        self.ahead.open[:] = False  # it was about this tick
         return actions
 
     def _decide(self, slots: np.ndarray, observations: np.ndarray, masks: np.ndarray) -> None:
@@ -342,7 +349,7 @@ class HJB(Learner):
         knows = np.flatnonzero(~explores)
         chosen = explored
         if knows.size:
-            score = self.device.scores(self.brains, slots[knows], observations[knows], open_[knows])
+            score = self._scores(slots[knows], observations[knows], open_[knows])
             if np.isnan(score).any() or np.isneginf(score).any():
                 bad = int(slots[knows[np.flatnonzero(~(score > -np.inf).all(axis=1))[0]]])
                 raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
@@ -358,6 +365,15 @@ class HJB(Learner):
         self.decisions[slots] += 1
         if self.cells and self.learning:
             self._recruit(slots, observations)
+
+    def _scores(self, slots: np.ndarray, observations: np.ndarray, open_: np.ndarray) -> np.ndarray:
+        """Return the HJB scores (k, M) of what is open to `slots` (k,), as the last update left them where it did."""
+        ahead = self.ahead
+        there = (ahead.open[slots] == open_).all(axis=1) & (ahead.zeta[slots] == observations).all(axis=1)
+        score, rest = ahead.score[slots], np.flatnonzero(~there)
+        if rest.size:
+            score[rest] = self.device.scores(self.brains, slots[rest], observations[rest], open_[rest])
+        return score
 
     def _persist(self, slots: np.ndarray, chosen: np.ndarray, explores: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the movements (k,) with explored walks gone on with; their lengths follow a zeta law.
@@ -422,6 +438,9 @@ class HJB(Learner):
         if self.ticks % max(1, round(s.update_every / self.group.dt)) == 0:
             ready = (self.memory.count >= (s.batch if s.replay else 1)) & transition.alive
             if ready.any():
+                deciding = ready & (self.left <= 0)
+                self.ahead.zeta[:] = transition.next_observations
+                self.ahead.open[:] = self.moves.open(transition.next_masks) & deciding[:, None]
                 self._update(ready)
 
     def rate(self) -> np.ndarray:
@@ -445,7 +464,7 @@ class HJB(Learner):
             late_f=round(bf * s.recent_share),
             imagined=m,
         )
-        self.device.update(self.brains, self.ring, draws, ready, self.rate(), self.loss_f, self.loss_j)
+        self.device.update(self.brains, self.ring, draws, ready, self.rate(), self.loss_f, self.loss_j, self.ahead)
         bad = np.flatnonzero(ready & ~(np.isfinite(self.loss_f) & np.isfinite(self.loss_j)))
         if bad.size:
             raise DivergedError("L_f or L_J", self.group.slots.start + int(bad[0]), ADVICE)
@@ -458,7 +477,8 @@ class HJB(Learner):
             "movement", "stage", "left", "elapsed", "began", "was_open", "more",
             "trail", "trail_open", "age", "loss_f", "loss_j", "decisions",
         )  # fmt: skip
-        return {name: getattr(self, name) for name in own} | {"memory.count": self.memory.count}
+        ahead = {f"ahead.{name}": array for name, array in self.ahead._asdict().items()}
+        return {name: getattr(self, name) for name in own} | ahead | {"memory.count": self.memory.count}
 
     def _held(self) -> dict[str, Any]:
         """Return every array that the device holds, by name."""

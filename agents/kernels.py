@@ -15,6 +15,9 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 import scipy.linalg  # noqa: F401  (np.dot calls its BLAS: to be loaded before threads are limited)
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 F = np.float32
 ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)
@@ -25,6 +28,7 @@ BETA1, BETA2, TINY = F(0.9), F(0.999), F(1e-8)  # of Adam
 POLYAK = F(0.1)  # share by which the target network follows J per update
 FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps denormal numbers out
 FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
+LINE = 16  # numbers in a line of the cache
 LONGEST = F(300.0)  # units of time, of a predicted duration
 
 Array = Any  # of NumPy, or as another device holds it
@@ -32,6 +36,7 @@ Array = Any  # of NumPy, or as another device holds it
 FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
 # no assumption about NaN or infinity: what diverges must be seen
 compiled = numba.njit(fastmath={"reassoc", "contract", "arcp", "nsz"}, **FLAGS)
+lowered: Any = intrinsic  # to LLVM's own instructions
 exactly = numba.njit(fastmath={"contract"}, **FLAGS)  # additions in the order in which they are written
 
 
@@ -112,6 +117,33 @@ class Draws(NamedTuple):
     imagined: int  # m, of the batch on J, those whose needs are redrawn
 
 
+class Batch(NamedTuple):
+    """Room for what an update draws from memory, and for its gradients, for one agent at a time."""
+
+    g_f: np.ndarray  # (P,)
+    g_j: np.ndarray  # (Q,)
+    at: np.ndarray  # int (b,)
+    at_f: np.ndarray  # int (b',)
+    zeta_f: np.ndarray  # (b', D)
+    after_f: np.ndarray  # (b', D)
+    time_f: np.ndarray  # (b',)
+    done_f: np.ndarray  # int (b',)
+    zeta: np.ndarray  # (b, D)
+    pace: np.ndarray  # (b, D)
+    done: np.ndarray  # int (b,)
+    open: np.ndarray  # bool (b, M)
+    table: np.ndarray  # (b, M)
+    goal: np.ndarray  # (b,)
+
+
+class Ahead(NamedTuple):
+    """What will be decided on next, scored in the pass of an update, while weights are in the cache."""
+
+    zeta: np.ndarray  # (n, D)
+    open: np.ndarray  # bool (n, M); nothing is open where nothing is to be decided
+    score: np.ndarray  # (n, M)
+
+
 class Way(NamedTuple):
     """The movements under way."""
 
@@ -137,6 +169,42 @@ class Room(NamedTuple):
     which: np.ndarray  # int (R,)
     own: np.ndarray  # (D,)
     slope: np.ndarray  # (b, D)
+
+
+@lowered
+def borrowed(_, group):  # type: ignore[no-untyped-def]
+    """Return a tuple with its arrays as views that count no references.
+
+    The count is an atomic operation, for which a core waits until all memory that it has asked for is there;
+    there would be hundreds per agent. Only for arguments of a kernel, which its caller keeps alive.
+    """
+
+    def without(context, builder, _, args):  # type: ignore[no-untyped-def]
+        found = args[0]
+        for i, kind in enumerate(group.types):
+            if isinstance(kind, types.Array):
+                array = context.make_array(kind)(context, builder, builder.extract_value(found, i))
+                array.meminfo = cgutils.get_null_value(array.meminfo.type)
+                found = builder.insert_value(found, array._getvalue(), i)
+        return found
+
+    return group(group), without
+
+
+@lowered
+def fetch(_, array, index):  # type: ignore[no-untyped-def]
+    """Ask for array[index] to be brought into the cache, without waiting for it."""
+
+    def ask(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        here = context.make_array(signature.args[0])(context, builder, args[0])
+        at = builder.bitcast(builder.gep(here.data, [args[1]]), cgutils.voidptr_t)
+        number = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, number, number, number])
+        known = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(known, [at, number(0), number(2), number(1)])  # to read, into the second level, data
+        return context.get_dummy_value()
+
+    return types.void(array, index), ask
 
 
 @exactly
@@ -225,19 +293,33 @@ def output(row, w, b):
     return total
 
 
+@exactly
+def product_of_few(x, w, out):
+    """Fill out (b, H) with x (b, k) times w (k, H), four rows of w at a time; sums are taken in the order of k."""
+    fours = len(w) - len(w) % 4
+    for r in range(len(x)):
+        row, factor = out[r], x[r]
+        row[:] = ZERO
+        for k in range(0, fours, 4):
+            w0, w1, w2, w3 = w[k], w[k + 1], w[k + 2], w[k + 3]
+            for h in range(len(row)):
+                total = row[h] + factor[k] * w0[h]
+                total += factor[k + 1] * w1[h]
+                total += factor[k + 2] * w2[h]
+                row[h] = total + factor[k + 3] * w3[h]
+        for k in range(fours, len(w)):
+            w0 = w[k]
+            for h in range(len(row)):
+                row[h] += factor[k] * w0[h]
+
+
 @compiled
 def product(x, w, out):
     """Fill out (b, H) with x (b, k) times w (k, H)."""
     if len(x) > FEW:
         np.dot(x, w, out)
-        return
-    for r in range(len(x)):
-        row = out[r]
-        row[:] = ZERO
-        for k in range(len(w)):
-            factor, weights = x[r, k], w[k]
-            for h in range(len(row)):
-                row[h] += factor * weights[h]
+    else:
+        product_of_few(x, w, out)
 
 
 @compiled
@@ -249,21 +331,6 @@ def product_back(g, w, out):
     for r in range(len(g)):
         for k in range(len(w)):
             out[r, k] = output(g[r], w[k], ZERO)
-
-
-@compiled
-def product_across(x, g, out):
-    """Fill out (k, H) with the transpose of x (b, k) times g (b, H)."""
-    if len(x) > FEW:
-        np.dot(x.T, g, out)
-        return
-    for k in range(len(out)):
-        row = out[k]
-        row[:] = ZERO
-        for r in range(len(x)):
-            factor, up = x[r, k], g[r]
-            for h in range(len(row)):
-                row[h] += factor * up[h]
 
 
 @compiled
@@ -298,10 +365,11 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, room, out):
     inputs = base + centres.shape[1]
     w1, b1, w2, b2, w3, b3 = layers(f_row, inputs, width)
     rows = len(zeta)
-    if not s.finite:
-        slopes(s, zeta, j_row, centres, cells, room)
     x = shaped(room.inputs, rows, k)
-    features(s, zeta, centres, x)
+    if s.finite:
+        features(s, zeta, centres, x)
+    else:
+        slopes(s, zeta, j_row, centres, cells, room)  # leaves x there
     hidden, hidden2 = shaped(room.first, rows, width), shaped(room.second, rows, width)
     relu_layer(x, w1[:k], b1, hidden)
     relu_layer(hidden, w2, b2, hidden2)
@@ -397,7 +465,7 @@ def slopes(s, zeta, j_row, centres, cells, room):
             row[p] = towards[r, at] * s.inverse[p]
             at += 1
         for p in s.angle:
-            row[p] = math.cos(zeta[r, p]) * towards[r, at + len(s.angle)] - math.sin(zeta[r, p]) * towards[r, at]
+            row[p] = x[r, at] * towards[r, at + len(s.angle)] - x[r, at + len(s.angle)] * towards[r, at]
             at += 1
         for c in range(cells):
             pull = towards[r, base + c] * x[r, base + c] * s.sharp
@@ -415,8 +483,8 @@ def tangents(s, zeta, x, rate, centres, tangent):
             tangent[r, at] = rate[r, p] * s.inverse[p]
             at += 1
         for p in s.angle:
-            tangent[r, at] = -math.sin(zeta[r, p]) * rate[r, p]
-            tangent[r, at + len(s.angle)] = math.cos(zeta[r, p]) * rate[r, p]
+            tangent[r, at] = -x[r, at + len(s.angle)] * rate[r, p]
+            tangent[r, at + len(s.angle)] = x[r, at] * rate[r, p]
             at += 1
         for c in range(x.shape[1] - base):
             gap_x, gap_y = centres[0, c] - zeta[r, s.place[0]], centres[1, c] - zeta[r, s.place[1]]
@@ -425,23 +493,57 @@ def tangents(s, zeta, x, rate, centres, tangent):
 
 
 @compiled
-def adam(w, g, m, v, start, stop, size, floor):
-    """Move the weights from `start` to `stop` by one step of Adam (Kingma and Ba 2015)."""
-    w, g, m, v = w[start:stop], g[start:stop], m[start:stop], v[start:stop]
-    for i in range(len(w)):
-        first = m[i] + (ONE - BETA1) * (g[i] - m[i])
-        second = BETA2 * v[i] + (ONE - BETA2) * g[i] * g[i]
-        m[i], v[i] = first, second
-        w[i] -= size * first / (math.sqrt(second) + floor)
+def moved(w, g, m, v, size, floor):
+    """Return one weight and its moments after a step of Adam (Kingma and Ba 2015) along its gradient g."""
+    first = m + (ONE - BETA1) * (g - m)
+    second = BETA2 * v + (ONE - BETA2) * g * g
+    return w - size * first / (math.sqrt(second) + floor), first, second
 
 
 @compiled
-def step(w, g, m, v, steps, rate, silent, inputs_end):
-    """Take one step for one agent; weights from `silent` to `inputs_end`, of cells not in use, have no gradient."""
+def adam(w, g, m, v, start, stop, size, floor):
+    """Move the weights from `start` to `stop` by one step of Adam."""
+    w, g, m, v = w[start:stop], g[start:stop], m[start:stop], v[start:stop]
+    for i in range(len(w)):
+        w[i], m[i], v[i] = moved(w[i], g[i], m[i], v[i], size, floor)
+
+
+@compiled
+def adam_across(w, m, v, start, x, up, size, floor, ahead):
+    """The same for the weights (k, H) from `start` on, whose gradient is x (b, k) transposed times up (b, H), b <= 2.
+
+    The gradient is worked out on the way, while the weights and their moments are waited for.
+    """
+    width, last = up.shape[1], len(up) - 1
+    up0, up1 = up[0], up[last]
+    for k in range(x.shape[1]):
+        x0, x1 = x[0, k], x[last, k] if last else ZERO
+        here = start + k * width
+        for h in range(0, width, LINE):
+            fetch(ahead, here + h)
+        wk, mk, vk = w[here : here + width], m[here : here + width], v[here : here + width]
+        for h in range(width):
+            wk[h], mk[h], vk[h] = moved(wk[h], x0 * up0[h] + x1 * up1[h], mk[h], vk[h], size, floor)
+
+
+@compiled
+def step(s, w, g, m, v, steps, rate, k, inputs, rows, room, ahead):
+    """Take one step for one agent, after `learn_f` or `learn_j`; of the inputs only the first k are in use."""
     correction = math.sqrt(1.0 - 0.999**steps)
     size, floor = F(rate * correction / (1.0 - 0.9**steps)), F(1e-8 * correction)
-    adam(w, g, m, v, 0, silent, size, floor)
-    adam(w, g, m, v, inputs_end, len(w), size, floor)
+    width = s.width
+    ends = inputs * width
+    if rows > FEW:
+        adam(w, g, m, v, 0, k * width, size, floor)
+        adam(w, g, m, v, ends, len(w), size, floor)
+        return
+    last = ends + width + width * width
+    adam_across(w, m, v, 0, shaped(room.inputs, rows, k), shaped(room.third, rows, width), size, floor, ahead)
+    adam(w, g, m, v, ends, ends + width, size, floor)
+    adam_across(
+        w, m, v, ends + width, shaped(room.second, rows, width), shaped(room.fourth, rows, width), size, floor, ahead
+    )
+    adam(w, g, m, v, last, len(w), size, floor)
 
 
 @compiled
@@ -493,15 +595,19 @@ def imagine(s, zeta, uniform, normal, m):
 
 @compiled
 def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
-    """Return L_f and fill its gradient g (P,): the squared error of the executed movement's predicted change."""
+    """Return L_f and fill its gradient g (P,): the squared error of the executed movement's predicted change.
+
+    Of one or two rows, g must be zero before, and the gradients of w1 and w2 are left to `adam_across`: x, h1 and
+    what comes back to them lie in `room`. `learn_j` does so too.
+    """
     base, width, parts, rows = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1], len(zeta)
     k, inputs = base + cells, base + centres.shape[1]
     w1, b1, w2, b2, w3, b3 = layers(f_row, inputs, width)
     g1, gb1, g2, gb2, g3, gb3 = layers(g, inputs, width)
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)
-    h1, h2 = shaped(room.first, rows, width), shaped(room.second, rows, width)
-    back2, back1 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
+    h2, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
+    back1, back2 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
     relu_layer(x, w1[:k], b1, h1)
     relu_layer(h1, w2, b2, h2)
     known = 0
@@ -509,8 +615,9 @@ def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
         known += movement[r] >= 0
     part = ONE / F(max(known, 1) * (parts + 1))
     loss = ZERO
-    g3[:] = ZERO
-    gb3[:] = ZERO
+    if rows > FEW:
+        g3[:] = ZERO
+        gb3[:] = ZERO
     for r in range(rows):
         up, row = back2[r], h2[r]
         up[:] = ZERO
@@ -532,14 +639,15 @@ def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
                 up[h] += e * weight[h]
         for h in range(width):
             up[h] = up[h] if row[h] > ZERO else ZERO
-    sum_rows(back2, gb2)
-    product_across(h1, back2, g2)
     product_back(back2, w2, back1)
     for r in range(rows):
         for h in range(width):
             back1[r, h] = back1[r, h] if h1[r, h] > ZERO else ZERO
     sum_rows(back1, gb1)
-    product_across(x, back1, g1[:k])
+    sum_rows(back2, gb2)
+    if rows > FEW:
+        np.dot(x.T, back1, g1[:k])
+        np.dot(h1.T, back2, g2)
     return loss
 
 
@@ -557,11 +665,13 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
     w1, b1, w2, b2, w3, b3 = layers(j_row, inputs, width)
     g1, gb1, g2, gb2, g3, gb3 = layers(g, inputs, width)
     x = shaped(room.inputs, rows, k)
-    features(s, zeta, centres, x[:b])
-    if printed:
+    if not printed:  # else `executed` has left x there
+        features(s, zeta, centres, x)
+    else:
         tangents(s, zeta, x[:b], rate, centres, x[b:])
     z1, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
     z2, h2 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
+    back1 = z2  # when z2 is no longer needed
     product(x, w1[:k], z1)
     activate(z1, b1, h1, b)
     product(h1, w2, z2)
@@ -592,12 +702,13 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
                 g3[0, h] += e * h2[b + r, h]
                 h2[b + r, h] = e * w3[0, h]
     deactivate(z2, h2, b)
+    product_back(h2, w2, back1)
+    deactivate(z1, back1, b)
+    sum_rows(back1[:b], gb1)
     sum_rows(h2[:b], gb2)
-    product_across(h1, h2, g2)
-    product_back(h2, w2, h1)
-    deactivate(z1, h1, b)
-    sum_rows(h1[:b], gb1)
-    product_across(x, h1, g1[:k])
+    if rows > FEW:
+        np.dot(x.T, back1, g1[:k])
+        np.dot(h1.T, h2, g2)
     return loss
 
 
@@ -686,6 +797,14 @@ def decide(s, brains, slots, zeta, open_, out):
     base = len(s.plain) + 2 * len(s.angle)
     parts = zeta.shape[1]
     room = room_for(s, s.movements, parts, s.movements * (parts + 1), base + brains.cell_centre.shape[2], 1)
+    decide_each(s, brains, slots, (zeta, open_, out), room)
+
+
+@compiled
+def decide_each(s, brains, slots, rows, room):
+    """Do what `decide` does, in `room`."""
+    s, brains, room = borrowed(s), borrowed(brains), borrowed(room)
+    zeta, open_, out = borrowed(rows)
     for r in range(len(slots)):
         i = slots[r]
         scores(
@@ -702,25 +821,47 @@ def decide(s, brains, slots, zeta, open_, out):
 
 
 @compiled
-def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
-    """Take one step on L_f and then one on L_J for every `ready` agent from `start` to `stop`."""
+def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop):
+    """Take one step on L_f and on L_J for every `ready` agent from `start` to `stop`, and score what is `ahead`."""
+    parts, b, bf = ring.zeta.shape[2], draws.batch, draws.batch_f
+    inputs = len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
+    room = room_for(s, max(b * s.movements, bf), parts, s.movements * (parts + 1), inputs, b)
+    batch = Batch(
+        np.zeros(brains.f.shape[1], F),
+        np.zeros(brains.J.shape[1], F),
+        np.empty(b, np.int64),
+        np.empty(bf, np.int64),
+        np.empty((bf, parts), F),
+        np.empty((bf, parts), F),
+        np.empty(bf, F),
+        np.empty(bf, np.int64),
+        np.empty((b, parts), F),
+        np.empty((b, parts), F),
+        np.empty(b, np.int64),
+        np.empty((b, s.movements), np.bool_),
+        np.empty((b, s.movements), F),
+        np.empty(b, F),
+    )
+    update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop, room, batch)
+
+
+@compiled
+def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop, room, batch):
+    """Do what `update` does, in `room` and `batch`."""
+    s, brains, ring, draws, room = borrowed(s), borrowed(brains), borrowed(ring), borrowed(draws), borrowed(room)
+    ahead = borrowed(ahead)
+    g_f, g_j, at, at_f, zeta_f, after_f, time_f, done_f, zeta, pace, done, open_, table, goal = borrowed(batch)
     parts, capacity = ring.zeta.shape[2], ring.zeta.shape[1]
     b, bf, m = draws.batch, draws.batch_f, draws.imagined
     base = len(s.plain) + 2 * len(s.angle)
-    inputs, width = base + brains.cell_centre.shape[2], s.width
-    outputs = s.movements * (parts + 1)
-    room = room_for(s, max(b * s.movements, bf), parts, outputs, inputs, b)
-    g_f, g_j = np.zeros(brains.f.shape[1], F), np.zeros(brains.J.shape[1], F)
-    at, at_f = np.empty(b, np.int64), np.empty(bf, np.int64)
-    zeta_f, after_f, time_f = np.empty((bf, parts), F), np.empty((bf, parts), F), np.empty(bf, F)
-    done_f = np.empty(bf, np.int64)
-    zeta, pace, done = np.empty((b, parts), F), np.empty((b, parts), F), np.empty(b, np.int64)
-    open_, table, goal = np.empty((b, s.movements), np.bool_), np.empty((b, s.movements), F), np.empty(b, F)
+    inputs = base + brains.cell_centre.shape[2]
+    _, _, _, _, g3_f, gb3_f = layers(g_f, inputs, s.width)
+    rows = b if s.finite or s.minimum else 2 * b  # of learn_j
     for i in range(start, stop):
         if not ready[i]:
             continue
         uniform, cells, centres = draws.uniform[i], brains.cell_count[i], brains.cell_centre[i]
-        silent, ends = (base + cells) * width, inputs * width
+        k = base + cells
         # f
         positions(ring.lived[i], capacity, uniform[b:], draws.late_f, draws.recent, at_f)
         for r in range(bf):
@@ -728,7 +869,24 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
             time_f[r], done_f[r] = ring.duration[i, at_f[r]], ring.movement[i, at_f[r]]
         loss_f[i] = learn_f(s, zeta_f, done_f, after_f, time_f, brains.f[i], centres, cells, room, g_f)
         brains.f_steps[i] += 1
-        step(brains.f[i], g_f, brains.f_first[i], brains.f_second[i], brains.f_steps[i], rate[i], silent, ends)
+        step(
+            s,
+            brains.f[i],
+            g_f,
+            brains.f_first[i],
+            brains.f_second[i],
+            brains.f_steps[i],
+            rate[i],
+            k,
+            inputs,
+            bf,
+            room,
+            brains.J[i],
+        )
+        if bf <= FEW:
+            for o in range(bf):
+                head = max(done_f[o], 0) * (parts + 1)
+                g3_f[head : head + parts + 1], gb3_f[head : head + parts + 1] = ZERO, ZERO
         # the right-hand side of the equation
         positions(ring.lived[i], capacity, uniform, draws.late, draws.recent, at)
         for r in range(b):
@@ -751,11 +909,27 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, start, stop):
         # J
         loss_j[i] = learn_j(s, zeta, done, goal, pace, brains.J[i], centres, cells, room, g_j)
         brains.J_steps[i] += 1
-        step(brains.J[i], g_j, brains.J_first[i], brains.J_second[i], brains.J_steps[i], rate[i], silent, ends)
+        step(
+            s,
+            brains.J[i],
+            g_j,
+            brains.J_first[i],
+            brains.J_second[i],
+            brains.J_steps[i],
+            rate[i],
+            k,
+            inputs,
+            rows,
+            room,
+            brains.f[min(i + 1, len(brains.f) - 1)],
+        )
         if s.slow:
             slow, fast = brains.target[i], brains.J[i]
             for p in range(len(slow)):
                 slow[p] += POLYAK * (fast[p] - slow[p])
+        if ahead.open[i].any():
+            here, options, table_ahead = ahead.zeta[i : i + 1], ahead.open[i : i + 1], ahead.score[i : i + 1]
+            scores(s, here, options, brains.f[i], brains.J[i], centres, cells, room, table_ahead)
 
 
 @compiled

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from agents.device import Device
 from agents.kernels import LONGEST as LIMIT
-from agents.kernels import POLYAK, Brains, Draws, Ring, Senses
+from agents.kernels import POLYAK, Ahead, Brains, Draws, Ring, Senses
 
 ROOM = 2**31  # bytes to work in; agents are taken in parts that fit
 LONGEST = float(LIMIT)  # units of time, of a predicted duration
@@ -176,6 +176,7 @@ class Torch(Device):
         rate: np.ndarray,
         loss_f: np.ndarray,
         loss_j: np.ndarray,
+        ahead: Ahead,
     ) -> None:
         learns, pace, lived = self.on(ready), self.on(rate), self.on(ring.lived)
         found = [
@@ -190,6 +191,9 @@ class Torch(Device):
         ]
         losses = self.off(torch.cat(found, 1))
         loss_f[ready], loss_j[ready] = losses[0, ready], losses[1, ready]
+        asked = np.flatnonzero(ahead.open.any(1))
+        if asked.size:
+            ahead.score[asked] = self.scores(brains, asked, ahead.zeta[asked], ahead.open[asked])
 
     def _step(self, own: Brains, ring: Ring, draws: Draws, learns: Tensor, rate: Tensor) -> Tensor:
         """Take one step on L_f and L_J for a agents, all views of what the device holds; return both losses (2, a)."""

@@ -137,6 +137,38 @@ def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, mo
     compare_updates(learned(SMALL))
 
 
+@pytest.mark.parametrize("name", ["algorithm1", "hjb"])
+def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: str) -> None:
+    """Scores from the pass of an update are those of a decision on the same state, and decisions use them."""
+    env = Ecology(scenarios.load("predator_prey"))
+    settings = {**SMALL, "update_every": 2.0, "persistence": 1} if name == "hjb" else PRINTED
+    group = env.groups["prey"]
+    learner = agents.make(name, group, np.random.SeedSequence(1), settings)
+    others = agents.make("random", env.groups["predator"], np.random.SeedSequence(2), {})
+    tick, ahead, asked = env.reset_arrays(seed=1), learner.ahead, 0
+    for _ in range(60):
+        tick = loop.run(env, {"prey": learner, "predator": others}, tick, 1)
+        rows = np.flatnonzero(ahead.open.any(axis=1) & tick.alive[group.slots])
+        zeta, mask = tick.observations["prey"][rows], tick.masks["prey"][rows]
+        assert np.array_equal(ahead.zeta[rows], zeta)
+        assert np.array_equal(ahead.open[rows], learner.moves.open(mask))
+        if rows.size:
+            found = learner.device.scores(learner.brains, rows, zeta, ahead.open[rows])
+            np.testing.assert_allclose(ahead.score[rows], found, rtol=1e-5, atol=1e-6)
+            ahead.score[rows] = np.where(ahead.open[rows], 1.0, np.inf)  # all alike: the first that is open is taken
+            ahead.score[rows, ahead.open[rows].argmax(axis=1)] = 0.0
+            learner.exploration = 0.0
+            before = learner.decisions.copy()
+            learner.act(tick.observations["prey"], tick.masks["prey"])
+            decided = rows[learner.decisions[rows] > before[rows]]
+            assert np.array_equal(
+                learner.movement[decided], learner.moves.open(tick.masks["prey"])[decided].argmax(axis=1)
+            )
+            assert not ahead.open.any()
+            asked += decided.size
+    assert asked > 20
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
     """The score of every open movement is the plain one, infinity where it is closed; slopes and f too."""
