@@ -24,6 +24,7 @@ import numpy as np
 
 import agents
 import scenarios
+from agents.base import Transition
 from ecology import Ecology, EcologyError, parallel_env
 from ecology.errors import nearest
 from scenarios._elsewhere import DRAWN, MARK, MISSING, WORLDS, serve
@@ -34,16 +35,17 @@ from scenarios._sweep import DPI, write_table
 TABLE, FIGURE = "bench.parquet", "bench.png"
 ARRAYS, DICTS = "arrays", "dicts"  # this world without learning, through either interface
 MODULES = "modules"  # algorithm1 with the updates of the plain loop
+BORDER = "-dicts"  # after a learner's name: it learns through the dicts, which are stacked for it
 PLAIN = Path(__file__).parent.parent / "tests" / "plain_learner.py"  # which is there in a clone only
 # who learns if nobody is named
-LEARNERS = tuple(name for name in ("lean", "algorithm1") if name in agents.LEARNERS) + (MODULES,) * PLAIN.exists()
+LEARNERS = ("lean", "algorithm1", f"algorithm1{BORDER}") + (MODULES,) * PLAIN.exists()
 LEARNERS_UP_TO = 1_000  # agents
 MODULES_UP_TO = 100  # agents
 WORLD = "commons"
 SETTINGS: Mapping[str, Any] = {"walls": True, "neighbours": 8}
 RICH = 25.0  # capacity of the pool per agent, units of intake: it does not run dry while it is measured
 LEAST = 2  # ticks of a window
-LEARNS = 8  # ticks of a window in which someone learns, who may update its networks once in so many
+LEARNS = 16  # ticks of a window in which someone learns, who may update its networks once in so many
 LIVED = 1_000  # ticks that who remembers has lived before: until all have memories enough to learn from
 CALIBRATION = 200_000  # turns of the loop that is always the same
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -85,7 +87,7 @@ def stepping(what: str, n: int) -> Callable[[], int]:
     else:
         from agents import loop  # slow to load
 
-        name = "algorithm1" if what == MODULES else what
+        name = "algorithm1" if what == MODULES else what.removesuffix(BORDER)
         own = env.scenario.species[0].learner_settings if what == "hjb" else {}  # as `ecology run` would
         learner = agents.make(name, group, np.random.SeedSequence(0), own)
         if what == MODULES:
@@ -93,11 +95,42 @@ def stepping(what: str, n: int) -> Callable[[], int]:
         tick = env.reset_arrays(seed=0)
         if {**agents.settings(name), **own}.get("replay"):
             tick = loop.run(env, {group.name: learner}, tick, LIVED)
+        if what.endswith(BORDER):
+            return _through_dicts(env, learner)
 
         def step() -> int:
             nonlocal tick
             tick = loop.run(env, {group.name: learner}, tick, 1)
             return n
+
+    return step
+
+
+def _through_dicts(env: Ecology, learner: Any) -> Callable[[], int]:
+    """Return one tick of a learner to whom the world is its dicts, as to anyone who comes by PettingZoo."""
+
+    def stacked(observations: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+        told = observations.values()
+        zeta = np.concatenate([each["observation"] for each in told]).reshape(len(told), -1)
+        masks = np.concatenate([each["action_mask"] for each in told]).reshape(len(told), -1)
+        return zeta, masks.astype(bool)
+
+    learner.begin()
+    zeta, masks = stacked(env.reset(seed=0)[0])
+
+    def step() -> int:
+        nonlocal zeta, masks
+        actions = learner.act(zeta, masks)
+        observations, _, dead, _, _ = env.step(dict(zip(env.agents, actions.tolist(), strict=True)))
+        after, open_ = stacked(observations)
+        alive = ~np.fromiter(dead.values(), bool, len(dead))
+        learner.learn(
+            Transition(
+                observations=zeta, masks=masks, actions=actions, next_observations=after, next_masks=open_, alive=alive
+            )
+        )
+        zeta, masks = after, open_
+        return len(alive)
 
     return step
 
@@ -117,6 +150,7 @@ def _by_modules(learner: Any) -> None:
         rate = learner.rate()
         for slot in np.flatnonzero(ready).tolist():
             alone[slot].update(uniform[slot], normal[slot], float(rate[slot]))
+        learner.ahead.open[:] = False  # scores are not worked out with the update
 
     learner._update = update
 
@@ -148,7 +182,7 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
     found = []
     for name in learners:
         if name != MODULES:
-            agents.learner_class(name)
+            agents.learner_class(name.removesuffix(BORDER))
         elif not PLAIN.exists():
             raise EcologyError(f"the plain loop of modules is in a clone of the project, in {PLAIN}; it is not there.")
     for name in against:
@@ -319,7 +353,9 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
         line = sorted((speed for speed in found if speed.name == name), key=lambda speed: speed.agents)
         middle = np.array([speed.median for speed in line])
         spread = np.array([[speed.median - speed.low, speed.high - speed.median] for speed in line]).T
-        label = f"ecology, {name}" if name in (ARRAYS, DICTS) else f"ecology, {name} learning"
+        label = f"ecology, {name}" if name in (ARRAYS, DICTS) else f"ecology, {name.removesuffix(BORDER)} learning"
+        if name.endswith(BORDER):
+            label += " through dicts"
         if name in WORLDS:
             label = called(name, used[name])
         elif name == MODULES:

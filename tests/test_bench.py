@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import sys
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import agents
+from agents import loop
 from scenarios import _bench
 from scenarios.cli import main
 
@@ -46,7 +49,7 @@ def test_medians_and_quartiles_are_over_rounds():
     assert _bench.speeds(rows) == [_bench.Speed(name="arrays", agents=7, median=3.0, low=2.0, high=4.0)]
 
 
-@pytest.mark.parametrize("what", ["arrays", "dicts", "algorithm1"])
+@pytest.mark.parametrize("what", ["arrays", "dicts", "algorithm1", "algorithm1-dicts"])
 def test_a_point_steps_the_world_it_names(what, monkeypatch):
     """A tick of a point is one tick of one world with walls, sight, eight neighbours and that many agents."""
     worlds = []
@@ -103,3 +106,21 @@ def test_a_benchmark_is_not_overwritten(tmp_path, capsys):
     (tmp_path / "bench.parquet").write_text("mine")
     assert "give another" in refused(capsys, "--out", str(tmp_path))
     assert (tmp_path / "bench.parquet").read_text() == "mine"
+
+
+def test_who_learns_through_dicts_learns_the_same():
+    """Networks are the same bit for bit as those of a learner that is given arrays."""
+    weights = []
+    for through in (False, True):
+        env = _bench.world(5)
+        (group,) = env.groups.values()
+        learner = agents.make("algorithm1", group, np.random.SeedSequence(0), {})
+        tick = env.reset_arrays(seed=0)
+        if through:
+            step = _bench._through_dicts(env, learner)
+            assert [step() for _ in range(20)] == [5] * 20
+        else:
+            loop.run(env, {group.name: learner}, tick, 20)
+        weights.append(learner.J.weights.copy())
+    assert np.array_equal(*weights)
+    assert not np.array_equal(weights[0][0], weights[0][1])
