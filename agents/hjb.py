@@ -74,6 +74,7 @@ class HJBSettings:
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
+    lazy_heads: bool = False  # Adam leaves heads of f that no decision of the batch trained as they are
     inherit: bool = False  # a newborn starts from what its parent has learned, not from nothing
     mutation: float = 0.0  # standard deviation of inherited weights, relative to each layer's root mean square
 
@@ -114,6 +115,7 @@ ALGORITHM1: Mapping[str, Any] = {
     "persistence": 1,
     "intra_option": False,
     "target_network": False,
+    "lazy_heads": True,
     "gamma": 0.99,
     "learning_rate": 1e-3,
     "learning_rate_final": 1e-3,
@@ -184,7 +186,7 @@ class HJB(Learner):
         angles = int(np.sum(kinds == "angle"))
         inputs = len(kinds) + angles + self.cells
         w = s.width
-        self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), self.generator, at)
+        self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), self.generator, at, self.count)
         self.J = Perceptrons(n, (inputs, w, w, 1), self.generator, at)
         # a slow copy of J, or J's own weights where it is switched off
         self.target = self.J.weights + 0 if s.target_network else self.J.weights
@@ -272,6 +274,7 @@ class HJB(Learner):
             finite=s.finite_difference,
             minimum=s.minimum_in_loss,
             slow=s.target_network,
+            lazy=s.lazy_heads,
         )
 
     # ---- births and deaths ----------------------------------------------------------------

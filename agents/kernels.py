@@ -10,6 +10,7 @@ Shapes: n agents, b states, D components of zeta, M movements, I inputs, H hidde
 from __future__ import annotations
 
 import math
+import platform
 from typing import Any, NamedTuple
 
 import numba
@@ -18,6 +19,7 @@ import scipy.linalg  # noqa: F401  (np.dot calls its BLAS: to be loaded before t
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 F = np.float32
 ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)
@@ -26,9 +28,12 @@ E6, E5, E4 = F(1.9875691500e-4), F(1.3981999507e-3), F(8.3334519073e-3)  # exp, 
 E3, E2, E1 = F(4.1665795894e-2), F(1.6666665459e-1), F(5.0000001201e-1)
 BETA1, BETA2, TINY = F(0.9), F(0.999), F(1e-8)  # of Adam
 POLYAK = F(0.1)  # share by which the target network follows J per update
-FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps denormal numbers out
+FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps subnormal numbers out
 FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
 LINE = 16  # numbers in a line of the cache
+SOON = 512  # numbers by which Adam's moments are asked for ahead of their use
+X86 = platform.machine().lower() in ("x86_64", "amd64")
+ZEROED = np.uint32(0x8040)  # bits of its control word: subnormal numbers, read or computed, are zero
 LONGEST = F(300.0)  # units of time, of a predicted duration
 
 Array = Any  # of NumPy, or as another device holds it
@@ -75,6 +80,7 @@ class Senses(NamedTuple):
     finite: bool  # the score over a whole movement
     minimum: bool  # the min in L_J
     slow: bool  # whether there is a target network
+    lazy: bool  # heads of f that no decision of the batch trains rest
 
 
 class Brains(NamedTuple):
@@ -83,11 +89,11 @@ class Brains(NamedTuple):
     f: Array  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M (D + 1), H), b3
     f_first: Array  # Adam's moments
     f_second: Array
-    f_steps: Array  # int (n,)
+    f_steps: Array  # int (n, 1 + M) of the hidden layers, and of every head
     J: Array  # (n, Q) the same with one output
     J_first: Array
     J_second: Array
-    J_steps: Array
+    J_steps: Array  # int (n, 2)
     target: Array  # (n, Q) J itself without a target network
     cell_centre: Array  # (n, 2, C)
     cell_count: Array  # int (n,)
@@ -134,6 +140,7 @@ class Batch(NamedTuple):
     open: np.ndarray  # bool (b, M)
     table: np.ndarray  # (b, M)
     goal: np.ndarray  # (b,)
+    trained: np.ndarray  # bool (M,) heads of f that are moved
 
 
 class Ahead(NamedTuple):
@@ -207,6 +214,64 @@ def fetch(_, array, index):  # type: ignore[no-untyped-def]
     return types.void(array, index), ask
 
 
+@lowered
+def matrix(_, flat, start, rows, columns):  # type: ignore[no-untyped-def]
+    """Return what a flat array holds from `start` on as (rows, columns), a view that counts no references.
+
+    A reshape would first call a function that finds out whether it is possible.
+    """
+
+    def view(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        source = context.make_array(signature.args[0])(context, builder, args[0])
+        found = context.make_array(signature.return_type)(context, builder)
+        size = source.itemsize
+        populate_array(
+            found,
+            data=builder.gep(source.data, [args[1]]),
+            shape=(args[2], args[3]),
+            strides=(builder.mul(args[3], size), size),
+            itemsize=size,
+            meminfo=None,
+        )
+        return found._getvalue()
+
+    whole = (types.unliteral(number) for number in (start, rows, columns))
+    return types.Array(flat.dtype, 2, "C")(flat, *whole), view
+
+
+@lowered
+def control_word(_):  # type: ignore[no-untyped-def]
+    """Return the control word of this thread's floating-point unit, 0 where it need not be changed."""
+
+    def read(_context, builder, _, _args):  # type: ignore[no-untyped-def]
+        return _transfer(builder, "llvm.x86.sse.stmxcsr") if X86 else ir.IntType(32)(0)
+
+    return types.uint32(), read
+
+
+@lowered
+def set_control_word(_, _word):  # type: ignore[no-untyped-def]
+    """Set the control word of this thread's floating-point unit, where there is one to be changed."""
+
+    def write(context, builder, _, args):  # type: ignore[no-untyped-def]
+        if X86:
+            _transfer(builder, "llvm.x86.sse.ldmxcsr", args[0])
+        return context.get_dummy_value()
+
+    return types.void(types.uint32), write
+
+
+def _transfer(builder: Any, instruction: str, word: Any = None) -> Any:
+    """Emit an instruction that moves the control word from or to memory; return what lies there then."""
+    place = cgutils.alloca_once(builder, ir.IntType(32))
+    if word is not None:
+        builder.store(word, place)
+    kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t])
+    move = cgutils.get_or_insert_function(builder.module, kind, instruction)
+    builder.call(move, [builder.bitcast(place, cgutils.voidptr_t)])
+    return builder.load(place)
+
+
 @exactly
 def exp32(x):
     """Return e^x for x > -87 within 3e-7 of itself, in instructions that vectorise."""
@@ -226,7 +291,7 @@ def sigmoid(x):
 @compiled
 def shaped(flat, rows, columns):
     """Return the beginning of a flat array as (rows, columns)."""
-    return flat[: rows * columns].reshape(rows, columns)
+    return matrix(flat, 0, rows, columns)
 
 
 @compiled
@@ -239,11 +304,11 @@ def layers(row, inputs, width):
     outputs = (len(row) - d) // (width + 1)
     e = d + outputs * width
     return (
-        row[:a].reshape(inputs, width),
+        matrix(row, 0, inputs, width),
         row[a:b],
-        row[b:c].reshape(width, width),
+        matrix(row, b, width, width),
         row[c:d],
-        row[d:e].reshape(outputs, width),
+        matrix(row, d, outputs, width),
         row[e:],
     )
 
@@ -501,6 +566,13 @@ def moved(w, g, m, v, size, floor):
 
 
 @compiled
+def corrected(rate, steps):
+    """Return the size and the floor of an Adam step, corrected for moments that began at zero."""
+    correction = math.sqrt(1.0 - 0.999**steps)
+    return F(rate * correction / (1.0 - 0.9**steps)), F(1e-8 * correction)
+
+
+@compiled
 def adam(w, g, m, v, start, stop, size, floor):
     """Move the weights from `start` to `stop` by one step of Adam."""
     w, g, m, v = w[start:stop], g[start:stop], m[start:stop], v[start:stop]
@@ -512,38 +584,53 @@ def adam(w, g, m, v, start, stop, size, floor):
 def adam_across(w, m, v, start, x, up, size, floor, ahead):
     """The same for the weights (k, H) from `start` on, whose gradient is x (b, k) transposed times up (b, H), b <= 2.
 
-    The gradient is worked out on the way, while the weights and their moments are waited for.
+    The gradient is worked out on the way, while the weights and their moments are waited for. `ahead` are weights that
+    are needed next.
     """
     width, last = up.shape[1], len(up) - 1
     up0, up1 = up[0], up[last]
     for k in range(x.shape[1]):
         x0, x1 = x[0, k], x[last, k] if last else ZERO
         here = start + k * width
-        for h in range(0, width, LINE):
-            fetch(ahead, here + h)
+        for h in range(here, here + width, LINE):
+            fetch(ahead, h)
+            fetch(m, h + SOON)
+            fetch(v, h + SOON)
         wk, mk, vk = w[here : here + width], m[here : here + width], v[here : here + width]
         for h in range(width):
             wk[h], mk[h], vk[h] = moved(wk[h], x0 * up0[h] + x1 * up1[h], mk[h], vk[h], size, floor)
 
 
 @compiled
-def step(s, w, g, m, v, steps, rate, k, inputs, rows, room, ahead):
-    """Take one step for one agent, after `learn_f` or `learn_j`; of the inputs only the first k are in use."""
-    correction = math.sqrt(1.0 - 0.999**steps)
-    size, floor = F(rate * correction / (1.0 - 0.9**steps)), F(1e-8 * correction)
+def step(s, w, g, m, v, steps, rate, k, inputs, rows, room, trained, ahead):
+    """Take one step for one agent, after `learn_f` or `learn_j`; of the inputs only the first k are in use.
+
+    Of the last layer only the heads `trained` (M,) move; all take as many outputs. `steps` (1 + M,) is brought up to
+    date: of the hidden layers, and of every head.
+    """
     width = s.width
     ends = inputs * width
+    last = ends + width + width * width + width
+    outputs = (len(w) - last) // (width + 1)
+    steps[0] += 1
+    size, floor = corrected(rate, steps[0])
     if rows > FEW:
         adam(w, g, m, v, 0, k * width, size, floor)
-        adam(w, g, m, v, ends, len(w), size, floor)
-        return
-    last = ends + width + width * width
-    adam_across(w, m, v, 0, shaped(room.inputs, rows, k), shaped(room.third, rows, width), size, floor, ahead)
-    adam(w, g, m, v, ends, ends + width, size, floor)
-    adam_across(
-        w, m, v, ends + width, shaped(room.second, rows, width), shaped(room.fourth, rows, width), size, floor, ahead
-    )
-    adam(w, g, m, v, last, len(w), size, floor)
+        adam(w, g, m, v, ends, last, size, floor)
+    else:
+        x, hidden = shaped(room.inputs, rows, k), shaped(room.second, rows, width)
+        up1, up2 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
+        adam_across(w, m, v, 0, x, up1, size, floor, ahead)
+        adam(w, g, m, v, ends, ends + width, size, floor)
+        adam_across(w, m, v, ends + width, hidden, up2, size, floor, ahead)
+        adam(w, g, m, v, last - width, last, size, floor)
+    each, biases = outputs // len(trained), last + outputs * width
+    for o in range(len(trained)):
+        if trained[o]:
+            steps[1 + o] += 1
+            size, floor = corrected(rate, steps[1 + o])
+            adam(w, g, m, v, last + o * each * width, last + (o + 1) * each * width, size, floor)
+            adam(w, g, m, v, biases + o * each, biases + (o + 1) * each, size, floor)
 
 
 @compiled
@@ -797,7 +884,10 @@ def decide(s, brains, slots, zeta, open_, out):
     base = len(s.plain) + 2 * len(s.angle)
     parts = zeta.shape[1]
     room = room_for(s, s.movements, parts, s.movements * (parts + 1), base + brains.cell_centre.shape[2], 1)
+    word = control_word()
+    set_control_word(word | ZEROED)
     decide_each(s, brains, slots, (zeta, open_, out), room)
+    set_control_word(word)
 
 
 @compiled
@@ -841,8 +931,12 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, st
         np.empty((b, s.movements), np.bool_),
         np.empty((b, s.movements), F),
         np.empty(b, F),
+        np.empty(s.movements, np.bool_),
     )
+    word = control_word()
+    set_control_word(word | ZEROED)
     update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop, room, batch)
+    set_control_word(word)
 
 
 @compiled
@@ -850,12 +944,13 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
     """Do what `update` does, in `room` and `batch`."""
     s, brains, ring, draws, room = borrowed(s), borrowed(brains), borrowed(ring), borrowed(draws), borrowed(room)
     ahead = borrowed(ahead)
-    g_f, g_j, at, at_f, zeta_f, after_f, time_f, done_f, zeta, pace, done, open_, table, goal = borrowed(batch)
+    g_f, g_j, at, at_f, zeta_f, after_f, time_f, done_f, zeta, pace, done, open_, table, goal, trained = borrowed(batch)
     parts, capacity = ring.zeta.shape[2], ring.zeta.shape[1]
     b, bf, m = draws.batch, draws.batch_f, draws.imagined
     base = len(s.plain) + 2 * len(s.angle)
     inputs = base + brains.cell_centre.shape[2]
     _, _, _, _, g3_f, gb3_f = layers(g_f, inputs, s.width)
+    always = np.ones(1, np.bool_)  # J has one head
     rows = b if s.finite or s.minimum else 2 * b  # of learn_j
     for i in range(start, stop):
         if not ready[i]:
@@ -868,7 +963,10 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
             zeta_f[r], after_f[r] = ring.zeta[i, at_f[r]], ring.after[i, at_f[r]]
             time_f[r], done_f[r] = ring.duration[i, at_f[r]], ring.movement[i, at_f[r]]
         loss_f[i] = learn_f(s, zeta_f, done_f, after_f, time_f, brains.f[i], centres, cells, room, g_f)
-        brains.f_steps[i] += 1
+        trained[:] = not s.lazy
+        for r in range(bf):
+            if done_f[r] >= 0:
+                trained[done_f[r]] = True
         step(
             s,
             brains.f[i],
@@ -881,6 +979,7 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
             inputs,
             bf,
             room,
+            trained,
             brains.J[i],
         )
         if bf <= FEW:
@@ -908,7 +1007,6 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
                 goal[r] = drive(s, ring.after[i, at[r]], room.own)
         # J
         loss_j[i] = learn_j(s, zeta, done, goal, pace, brains.J[i], centres, cells, room, g_j)
-        brains.J_steps[i] += 1
         step(
             s,
             brains.J[i],
@@ -921,6 +1019,7 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
             inputs,
             rows,
             room,
+            always,
             brains.f[min(i + 1, len(brains.f) - 1)],
         )
         if s.slow:

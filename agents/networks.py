@@ -19,14 +19,14 @@ class Perceptrons:
     (out, in), an output's weights side by side.
     """
 
-    def __init__(self, n: int, sizes: Sequence[int], rng: np.random.Generator, device: Device) -> None:
-        """Draw weights for layers of `sizes`, held by `device`."""
+    def __init__(self, n: int, sizes: Sequence[int], rng: np.random.Generator, device: Device, heads: int = 1) -> None:
+        """Draw weights for layers of `sizes`, held by `device`; the outputs are those of `heads` of one size."""
         self.sizes, self.rng, self.device = tuple(sizes), rng, device
         self.last = sizes[-1] * (sizes[-2] + 1)  # weights of the last layer
         self.weights = device.on(self._draw(n))
         self.first = device.zeros(self.weights.shape, np.float32)  # Adam's m
         self.second = device.zeros(self.weights.shape, np.float32)  # and v
-        self.steps = device.zeros((n,), np.int64)
+        self.steps = device.zeros((n, 1 + heads), np.int64)  # of the hidden layers, and of every head
 
     def _draw(self, n: int) -> np.ndarray:
         """Return weights (n, P), uniform within 1 / sqrt(fan in); an output of zero at birth."""

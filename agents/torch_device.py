@@ -210,7 +210,11 @@ class Torch(Device):
             found = self._executed(self._f(zeta, leaves, *where), movement)
             loss_f = _mean((found - goal / s.unit).square().mean(-1), movement >= 0)
             loss_f.sum().backward()
-        self._adam(own.f, leaves, own.f_first, own.f_second, own.f_steps, rate, learns)
+        trained = torch.ones_like(own.f_steps[:, 1:], dtype=torch.bool)
+        if s.lazy:
+            ran = functional.one_hot(movement.clamp(min=0).long(), s.movements).bool()
+            trained = (ran & (movement >= 0)[..., None]).any(1)
+        self._adam(own.f, leaves, own.f_first, own.f_second, own.f_steps, rate, learns, trained)
 
         # the right-hand side of the equation
         at = self._positions(ring, draws.uniform[:, :b], draws.late, draws.recent)
@@ -237,7 +241,7 @@ class Torch(Device):
                 residual = residual * s.weight_top / (s.weight_floor + self._drive(zeta))
             loss_j = _mean(residual.square(), known)
             loss_j.sum().backward()
-        self._adam(own.J, leaves, own.J_first, own.J_second, own.J_steps, rate, learns)
+        self._adam(own.J, leaves, own.J_first, own.J_second, own.J_steps, rate, learns, torch.ones_like(learns))
         if s.slow:
             own.target.lerp_(own.J, float(POLYAK) * learns.float())
         return torch.stack([loss_f.detach(), loss_j.detach()])
@@ -286,18 +290,35 @@ class Torch(Device):
 
     @staticmethod
     def _adam(
-        w: Tensor, leaves: list[Tensor], first: Tensor, second: Tensor, steps: Tensor, rate: Tensor, learns: Tensor
+        w: Tensor,
+        leaves: list[Tensor],
+        first: Tensor,
+        second: Tensor,
+        steps: Tensor,
+        rate: Tensor,
+        learns: Tensor,
+        trained: Tensor,
     ) -> None:
-        """Move the weights (a, P) of those that learn (a, 1) by one step of Adam, in place."""
+        """Move the weights (a, P) of those that learn (a, 1) by one step of Adam, in place.
+
+        Of the last layer only the heads that were `trained` (a, M) move; `steps` (a, 1 + M) are brought up to date.
+        """
         gradient = torch.cat([leaf.grad.flatten(1) for leaf in leaves if leaf.grad is not None], 1)
-        on = learns.float()
-        steps += learns[:, 0]
-        taken = steps[:, None].clamp(min=1).float()
+        heads = trained.shape[1]
+        parts = [leaf[0].numel() for leaf in leaves]  # w1, b1, w2, b2, then w3 and b3 by heads
+        sizes = torch.tensor([sum(parts[:4]), *(part // heads for part in parts[4:] for _ in range(heads))])
+        which = torch.arange(1, heads + 1)
+        which = torch.cat([torch.zeros(1, dtype=torch.int64), which, which])
+        owner = which.repeat_interleave(sizes).to(w.device)  # (P,) column of `steps` that counts for a weight
+        moves = torch.cat([learns, learns & trained], 1)  # (a, 1 + M)
+        steps += moves
+        taken = steps.clamp(min=1).float()
         correction = (-torch.expm1(taken * math.log(BETA2))).sqrt()
-        size = rate * on * correction / -torch.expm1(taken * math.log(BETA1))
+        size = rate * moves * correction / -torch.expm1(taken * math.log(BETA1))
+        on = moves.float()[:, owner]
         first.lerp_(gradient, (1 - BETA1) * on)
         second.lerp_(gradient.square_(), (1 - BETA2) * on)
-        w.sub_(first / (second.sqrt() + TINY * correction) * size)
+        w.sub_(first / (second.sqrt() + (TINY * correction)[:, owner]) * size[:, owner])
 
     # ---- what others may see ------------------------------------------------------------------
 

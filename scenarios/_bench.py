@@ -46,7 +46,7 @@ SETTINGS: Mapping[str, Any] = {"walls": True, "neighbours": 8}
 RICH = 25.0  # capacity of the pool per agent, units of intake: it does not run dry while it is measured
 LEAST = 2  # ticks of a window
 LEARNS = 16  # ticks of a window in which someone learns, who may update its networks once in so many
-LIVED = 1_000  # ticks that who remembers has lived before: until all have memories enough to learn from
+LIVED = 1_000  # ticks that who learns has lived before: until all have memories enough, and weights that have settled
 CALIBRATION = 200_000  # turns of the loop that is always the same
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
@@ -93,7 +93,7 @@ def stepping(what: str, n: int) -> Callable[[], int]:
         if what == MODULES:
             _by_modules(learner)
         tick = env.reset_arrays(seed=0)
-        if {**agents.settings(name), **own}.get("replay"):
+        if what != MODULES:
             tick = loop.run(env, {group.name: learner}, tick, LIVED)
         if what.endswith(BORDER):
             return _through_dicts(env, learner)

@@ -72,7 +72,31 @@ class PlainAgent:
         self.f = network(list(learner.f.sizes), nn.ReLU, own["f"])
         self.J = network(list(learner.J.sizes), nn.SiLU, own["J"])
         self.slow = network(list(learner.J.sizes), nn.SiLU, own["target"]) if self.s.target_network else self.J
-        self.adam_f, self.adam_j = (torch.optim.Adam(m.parameters(), lr=1e-3) for m in (self.f, self.J))
+        # torch's Adam leaves a parameter without a gradient as it is: of lazy heads each has parameters of its own
+        self.heads = self._heads() if self.s.lazy_heads else []
+        trained = [*self.f[:-1].parameters(), *(p for head in self.heads for p in head.parameters())]
+        self.adam_f = torch.optim.Adam(trained if self.heads else self.f.parameters(), lr=1e-3)
+        self.adam_j = torch.optim.Adam(self.J.parameters(), lr=1e-3)
+
+    def _heads(self) -> list[nn.Linear]:
+        """Return the last layer of f as a layer for every movement, whose parameters are parts of the layer's."""
+        whole, found = self.f[-1], []
+        for start in range(0, whole.out_features, self.parts + 1):
+            head = nn.Linear(whole.in_features, self.parts + 1)
+            head.weight.data = whole.weight.data[start : start + self.parts + 1]
+            head.bias.data = whole.bias.data[start : start + self.parts + 1]
+            found.append(head)
+        return found
+
+    def executed(self, zeta: Tensor, movement: Tensor) -> Tensor:
+        """Return f of the movements (b,) executed at zeta (b, D), in its units; anything where there is none."""
+        if not self.heads:
+            out = self.f(self.features(zeta)).view(len(zeta), self.count, self.parts + 1)
+            return out[torch.arange(len(zeta)), movement.clamp(min=0)]
+        hidden = self.f[:-1](self.features(zeta))
+        nothing = hidden[:, :1].expand(-1, self.parts + 1)
+        each = zip(movement, hidden, nothing, strict=True)
+        return torch.stack([self.heads[m](h) if m >= 0 else n for m, h, n in each])
 
     def own(self, array: Any) -> np.ndarray:
         """Return of an array that the learner's device holds what is of this agent, as it is now."""
@@ -168,8 +192,7 @@ class PlainAgent:
         at = self.positions(uniform[b : b + bf])
         zeta, after = torch.from_numpy(memory["zeta"][at]), torch.from_numpy(memory["after"][at])
         movement = torch.from_numpy(memory["movement"][at].astype(np.int64))
-        out = self.f(self.features(zeta)).view(bf, self.count, self.parts + 1)
-        picked = out[torch.arange(bf), movement.clamp(min=0)]
+        picked = self.executed(zeta, movement)
         change = after - zeta
         change[:, self.angle] = torch.atan2(change[:, self.angle].sin(), change[:, self.angle].cos())
         duration = torch.from_numpy(memory["duration"][at]).clamp(max=300.0)
