@@ -135,11 +135,16 @@ def _through_dicts(env: Ecology, learner: Any) -> Callable[[], int]:
     return step
 
 
-def _by_modules(learner: Any) -> None:
-    """Let one agent's torch modules after another do the updates of a learner: the plain loop of the tests."""
+def plain_agents(learner: Any, count: int) -> list[Any]:
+    """Return the agents of the first `count` slots as torch modules, one by one: the plain learner of the tests."""
     sys.path.insert(0, str(PLAIN.parent))
     plain = importlib.import_module(PLAIN.stem)
-    alone = [plain.PlainAgent(learner, slot) for slot in range(learner.size)]
+    return [plain.PlainAgent(learner, slot) for slot in range(count)]
+
+
+def _by_modules(learner: Any) -> None:
+    """Let one agent's torch modules after another do the updates of a learner."""
+    alone = plain_agents(learner, learner.size)
     s = learner.settings
     m = round(s.imagined * s.batch) if s.replay else round(s.imagined)
     numbers = (s.batch + s.batch_f if s.replay else 2) + m * learner.components + m + m // 2
