@@ -52,7 +52,7 @@ class Tally:
         self.tick = 0
         self._seconds = np.zeros(3)  # as `seconds`, before it last began
         self._began: np.ndarray | None = None
-        self.births = 0
+        self.births = np.zeros(len(env.groups), np.int64)  # by species
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
         self.span = 1  # ticks of a block
@@ -89,7 +89,8 @@ class Tally:
             for i, group in enumerate(self._groups.values()):
                 causes = state.cause[group.slots][tick.died[group.slots]]
                 self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
-        self.births += int(np.count_nonzero(tick.born))
+        if tick.born.any():
+            self.births += [np.count_nonzero(tick.born[group.slots]) for group in self._groups.values()]
         self.closed, self.returned = int(state.closed.sum()), state.returned
 
     def _fold(self) -> None:
@@ -160,13 +161,13 @@ class Tally:
             "action_shares": shares,
             "population": population,
             "deaths": int(self.causes.sum()),
-            "births": self.births,
+            "births": int(self.births.sum()),
             "closed_actions": self.closed,
             "bodies_put_back": self.returned,
         }
 
-    ARRAYS = ("drive", "living", "now", "least", "most", "causes", "delta", "lived", "actions")
-    VALUES = ("tick", "span", "births", "closed", "returned")
+    ARRAYS = ("drive", "living", "now", "least", "most", "births", "causes", "delta", "lived", "actions")
+    VALUES = ("tick", "span", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the sums: arrays, and plain values."""
@@ -265,12 +266,7 @@ class Run:
 
     def born_and_died(self) -> tuple[list[int], list[int]]:
         """Return how many of each species were born and have died so far."""
-        removed = (self.plan.forked or {}).get("remove", ())
-        born, died, alive = [], self.tally.causes.sum(axis=1).tolist(), self.env.state_view.alive
-        for species, group, deaths in zip(self.scenario.species, self.env.groups.values(), died, strict=True):
-            gone = deaths + sum(name.rpartition("_")[0] == species.name for name in removed)
-            born.append(int(np.count_nonzero(alive[group.slots])) + gone - species.count)
-        return born, died
+        return self.tally.births.tolist(), self.tally.causes.sum(axis=1).tolist()
 
     def check_folder(self) -> None:
         """Raise EcologyError where the folder already holds a run."""

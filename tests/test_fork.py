@@ -13,6 +13,7 @@ import pytest
 
 from agents import checkpoint
 from ecology.state import CAUSES
+from scenarios._run import opened
 from scenarios.cli import main
 
 CROWD = """
@@ -175,6 +176,22 @@ def test_who_is_removed_dies_to_its_learner_too(ecology: Command, arrival: str) 
         for network in ("f", "J"):
             drawn = was[network][2] != 0  # biases begin at 0
             assert (new[network][2] != was[network][2])[drawn].all()
+
+
+def test_births_are_counted_on_in_forks_of_forks(ecology: Command) -> None:
+    """Who was removed from a world, or from one before it, was no newcomer there."""
+    Path("island.py").write_text(ISLAND)
+    words = ("--learner", "random", "--no-record", "--set", "arrival=9.0", "--quiet")
+    assert ecology("run", "island.py", *words, "--ticks", "10", "--out", "run")[0] == 0
+    for before, at, gone in (("run", "10", "crowd_2"), ("first", "15", "crowd_0"), ("second", "20", "crowd_4")):
+        out = {"run": "first", "first": "second", "second": "third"}[before]
+        change = ("--remove", gone, "--ticks", str(int(at) + 5), "--out", out, "--quiet")
+        assert ecology("fork", before, "--at", at, *change)[0] == 0
+    assert opened(Path("third"), 25).born_and_died() == ([0], [0])  # before it is restored: nothing has happened
+    it = opened(Path("third"), 26)
+    it.resume()
+    assert it.born_and_died() == ([3], [0])
+    assert json.loads(Path("third/summary.json").read_text())["births"] == 3
 
 
 BAD = {
