@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import itertools
 import json
 import os
 import subprocess
@@ -348,13 +349,15 @@ def called(name: str, version: str) -> str:
 
 def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     """Draw agent-steps per second over agents, a line for each name, with quartiles."""
+    from matplotlib import color_sequences
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.add_subplot()
-    for i, name in enumerate(dict.fromkeys(speed.name for speed in found)):
+    ours, theirs = (itertools.cycle(color_sequences[name]) for name in ("tab10", "Dark2"))
+    for name in dict.fromkeys(speed.name for speed in found):
         line = sorted((speed for speed in found if speed.name == name), key=lambda speed: speed.agents)
         middle = np.array([speed.median for speed in line])
         spread = np.array([[speed.median - speed.low, speed.high - speed.median] for speed in line]).T
@@ -367,7 +370,7 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
             label = "ecology, algorithm1 learning by modules"
         ax.errorbar(
             [speed.agents for speed in line], middle, spread, fmt="--s" if name in WORLDS else "-o", capsize=3,
-            linewidth=1.3, markersize=4, label=label, color=f"C{i % 10}",
+            linewidth=1.3, markersize=4, label=label, color=next(theirs if name in WORLDS else ours),
         )  # fmt: skip
     ax.set_xscale("log")
     ax.set_yscale("log")
