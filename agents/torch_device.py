@@ -304,21 +304,25 @@ class Torch(Device):
         Of the last layer only the heads that were `trained` (a, M) move; `steps` (a, 1 + M) are brought up to date.
         """
         gradient = torch.cat([leaf.grad.flatten(1) for leaf in leaves if leaf.grad is not None], 1)
-        heads = trained.shape[1]
-        parts = [leaf[0].numel() for leaf in leaves]  # w1, b1, w2, b2, then w3 and b3 by heads
-        sizes = torch.tensor([sum(parts[:4]), *(part // heads for part in parts[4:] for _ in range(heads))])
-        which = torch.arange(1, heads + 1)
-        which = torch.cat([torch.zeros(1, dtype=torch.int64), which, which])
-        owner = which.repeat_interleave(sizes).to(w.device)  # (P,) column of `steps` that counts for a weight
-        moves = torch.cat([learns, learns & trained], 1)  # (a, 1 + M)
+        moves = torch.cat([learns, learns & trained], 1)
         steps += moves
         taken = steps.clamp(min=1).float()
         correction = (-torch.expm1(taken * math.log(BETA2))).sqrt()
         size = rate * moves * correction / -torch.expm1(taken * math.log(BETA1))
-        on = moves.float()[:, owner]
-        first.lerp_(gradient, (1 - BETA1) * on)
-        second.lerp_(gradient.square_(), (1 - BETA2) * on)
-        w.sub_(first / (second.sqrt() + (TINY * correction)[:, owner]) * size[:, owner])
+        w3, b3 = (leaf[0].numel() for leaf in leaves[4:])
+        hidden = gradient.shape[1] - w3 - b3
+        for columns, start, length in (
+            (slice(0, 1), 0, hidden),
+            (slice(1, None), hidden, w3),
+            (slice(1, None), -b3, b3),
+        ):
+            on, pace, floor = (part[:, columns, None] for part in (moves.float(), size, TINY * correction))
+            own, g, m, v = (  # (a, 1 or M, weights)
+                array.narrow(1, start, length).unflatten(1, (on.shape[1], -1)) for array in (w, gradient, first, second)
+            )
+            m.lerp_(g, (1 - BETA1) * on)
+            v.lerp_(g.square_(), (1 - BETA2) * on)
+            own.sub_(m / (v.sqrt() + floor) * pace)
 
     # ---- what others may see ------------------------------------------------------------------
 

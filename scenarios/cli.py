@@ -619,7 +619,11 @@ def bench(
         str, typer.Option("--agents", metavar="N,...", help="Numbers of agents.")
     ] = "1,10,100,1000,10000",
     learner: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Who learns; `none`: nobody.  [default: the cheapest]")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Who learns, NAME-dicts through the dicts; `none`: nobody.  [default: lean and algorithm1]",
+        ),
     ] = None,
     against: Annotated[
         str, typer.Option(metavar="WORLD,...", help="waterworld, waterworld_few, mpe2, magent2, vmas.")
