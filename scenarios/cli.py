@@ -159,14 +159,14 @@ def check(
 @app.command()
 def run(
     scenario: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None,
-    ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.  [default: the scenario's]")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of everything random.  [default: 0]")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.", show_default="the scenario's")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of everything random.", show_default="0")] = None,
     learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME", help="Who learns.")] = None,
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="A setting: KEY, learner.KEY or SPECIES.learner.KEY."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the run.  [default: runs/SCENARIO-SEED]")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/SCENARIO-SEED")] = None,
     config: Annotated[Path | None, typer.Option(help="A config.toml to repeat.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Folder of a run to go on with.")] = None,
     previous: Annotated[
@@ -187,10 +187,11 @@ def run(
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor a recording.")] = False,
     keep_every: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.  [default: none]")
+        int | None,
+        typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.", show_default="none"),
     ] = None,
     device: Annotated[
-        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.  [default: cpu]")
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="cpu")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
@@ -458,12 +459,13 @@ def fork(
     ] = None,
     remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Who is no longer there.")] = None,
     move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="What lies elsewhere.")] = None,
-    ticks: Annotated[int | None, typer.Option(min=1, help="To which it lives.  [default: as the run]")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the fork.  [default: RUN-at-TICK]")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="To which it lives.", show_default="as the run")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the fork.", show_default="RUN-at-TICK")] = None,
     record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
     keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
     device: Annotated[
-        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.  [default: as the run]")
+        str | None,
+        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="as the run"),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
@@ -516,9 +518,9 @@ def sweep(
         typer.Option("--set", metavar="KEY=VALUE,...", help="Values of a setting: KEY, learner.KEY, ..."),
     ] = None,
     learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME,...", help="Who learns.")] = None,
-    ticks: Annotated[int | None, typer.Option(min=1, help="Length of a run.  [default: the scenario's]")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the sweep.  [default: runs/sweep-SCENARIO]")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time.  [default: one a CPU]")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of a run.", show_default="the scenario's")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the sweep.", show_default="runs/sweep-SCENARIO")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time.", show_default="one a CPU")] = None,
     ray: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Live on a Ray cluster; `local` starts one here.")
     ] = None,
@@ -622,7 +624,8 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Who learns, NAME-dicts through the dicts; `none`: nobody.  [default: lean and algorithm1]",
+            help="Who learns, NAME-dicts through the dicts; `none`: nobody.",
+            show_default="lean and algorithm1",
         ),
     ] = None,
     against: Annotated[
@@ -633,7 +636,7 @@ def bench(
     ] = None,
     rounds: Annotated[int, typer.Option(min=1, help="How often each is timed.")] = 7,
     seconds: Annotated[float, typer.Option(min=0.0, help="For how long each time.")] = 0.5,
-    core: Annotated[int | None, typer.Option(min=0, help="All run on this one.  [default: the last]")] = None,
+    core: Annotated[int | None, typer.Option(min=0, help="All run on this one.", show_default="the last")] = None,
     out: Annotated[Path, typer.Option(help="Folder of the table and the figure.")] = Path("runs") / "bench",
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
@@ -679,12 +682,12 @@ def bench(
 @app.command()
 def evaluate(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
-    species: Annotated[str | None, typer.Option(help="Whose learner.  [default: the first]")] = None,
+    species: Annotated[str | None, typer.Option(help="Whose learner.", show_default="the first")] = None,
     ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = EVALUATED,
     places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
-    seed: Annotated[int | None, typer.Option(min=0, help="[default: the run's + 1000]")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, show_default="the run's + 1000")] = None,
     in_: Annotated[
-        str | None, typer.Option("--in", metavar="SCENARIO", help="Another world.  [default: the run's]")
+        str | None, typer.Option("--in", metavar="SCENARIO", help="Another world.", show_default="the run's")
     ] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
@@ -791,7 +794,9 @@ def _say_findings(report: Mapping[str, Any]) -> None:
 
 @app.command()
 def reproduce(
-    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results.  [default: all]")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results.", show_default="all")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
@@ -850,7 +855,7 @@ def view(
     screenshot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
     ] = None,
-    tick: Annotated[int | None, typer.Option(min=0, help="Of the picture.  [default: the last]")] = None,
+    tick: Annotated[int | None, typer.Option(min=0, help="Of the picture.", show_default="the last")] = None,
 ) -> None:
     """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
     if tick is not None and screenshot is None:
@@ -898,12 +903,12 @@ def _wait() -> None:
 def film(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that recorded.")],
     target: Annotated[
-        Path | None, typer.Argument(metavar="[OUT.gif|OUT.mp4]", help="A new file.  [default: RUN/film.gif]")
+        Path | None, typer.Argument(metavar="[OUT.gif|OUT.mp4]", help="A new file.", show_default="RUN/film.gif")
     ] = None,
     from_: Annotated[
-        int | None, typer.Option("--from", min=0, metavar="TICK", help="[default: 200 frames before the end]")
+        int | None, typer.Option("--from", min=0, metavar="TICK", show_default="200 frames before the end")
     ] = None,
-    to: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="[default: the last]")] = None,
+    to: Annotated[int | None, typer.Option(min=0, metavar="TICK", show_default="the last")] = None,
     fps: Annotated[float, typer.Option(help="Frames per second, one recorded tick each.")] = 20.0,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:

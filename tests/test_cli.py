@@ -55,6 +55,21 @@ def test_list_names_every_scenario_and_learner(ecology: Command) -> None:
     assert not [name for name, line in told.items() if line.startswith("(")]
 
 
+def test_help_shows_defaults_that_depend_on_others(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A default that is worked out is told too; what stands in brackets in a help text is taken for markup and lost."""
+    monkeypatch.setenv("COLUMNS", "160")
+    for command, defaults in {
+        "run": ("the scenario's", "runs/SCENARIO-SEED", "cpu"),
+        "sweep": ("runs/sweep-SCENARIO", "one a CPU"),
+        "fork": ("RUN-at-TICK", "as the run"),
+        "film": ("200 frames before the end", "RUN/film.gif"),
+    }.items():
+        code, out, _ = ecology(command, "--help")
+        assert code == 0
+        for default in defaults:
+            assert f"[default: ({default})]" in out
+
+
 def test_the_command_line_is_quick_to_start() -> None:
     """Asking for the list loads neither torch nor rerun nor matplotlib."""
     code = (
