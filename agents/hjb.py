@@ -71,6 +71,7 @@ class HJBSettings:
     place_cells: int = 64  # Gaussian bumps of position, recruited where the agent has been; 0: none
     place_spacing: float = 0.75  # length between centres
     place_width: float = 0.6  # length, standard deviation of a bump
+    optimism: float = 0.5  # share by which J of where it has not been is taken to be lower; falls to 0 with epsilon
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
@@ -88,7 +89,7 @@ class HJBSettings:
 
 RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
     (("gamma",), "between 0 and 1, both excluded", lambda v: 0 < v < 1),
-    (("epsilon", "epsilon_final", "recent_share", "imagined"), "from 0 to 1", lambda v: 0 <= v <= 1),
+    (("epsilon", "epsilon_final", "recent_share", "imagined", "optimism"), "from 0 to 1", lambda v: 0 <= v <= 1),
     (("epsilon_until",), "above 0 and at most 1", lambda v: 0 < v <= 1),
     (("place_cells", "mutation"), "0 or more", lambda v: v >= 0),
     (("width", "batch", "batch_f", "recent", "memory", "persistence"), "1 or more", lambda v: v >= 1),
@@ -111,6 +112,7 @@ ALGORITHM1: Mapping[str, Any] = {
     "update_every": 1.0,
     "place_cells": 0,
     "imagined": 0.0,
+    "optimism": 0.0,
     "relative_weight": False,
     "persistence": 1,
     "intra_option": False,
@@ -193,11 +195,12 @@ class HJB(Learner):
         self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count, at)
         self.cell_centre = at.zeros((n, 2, self.cells), np.float32)
         self.cell_count = at.zeros((n,), np.int64)
+        self.hope = at.zeros((n,), np.float32)
         self.cell_names = at.on(np.arange(self.cells))
         self.brains = kernels.Brains(
             self.f.weights, self.f.first, self.f.second, self.f.steps,
             self.J.weights, self.J.first, self.J.second, self.J.steps,
-            self.target, self.cell_centre, self.cell_count,
+            self.target, self.cell_centre, self.cell_count, self.hope,
         )  # fmt: skip
         m = self.memory
         self.ring = kernels.Ring(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
@@ -260,6 +263,7 @@ class HJB(Learner):
             epsilon=f4(layout.epsilon),
             exponent=f4(exponent),
             sharp=f4(s.place_width**-2),
+            apart=f4(s.place_spacing**2),
             log_gamma=f4(math.log(s.gamma)),
             dt=f4(self.group.dt),
             centre_j=f4(worst * J_CENTRE),
@@ -321,8 +325,21 @@ class HJB(Learner):
         if self.exploration is not None:
             return np.full(self.size, self.exploration)
         s = self.settings
-        gone = np.minimum(self.age * self.group.dt / (s.life * s.epsilon_until), 1.0)
-        return s.epsilon + (s.epsilon_final - s.epsilon) * gone
+        return s.epsilon + (s.epsilon_final - s.epsilon) * self._explored()
+
+    def _explored(self) -> np.ndarray:
+        """Return the share that is over of the part of life in which epsilon falls, (n,)."""
+        return np.minimum(self.age * self.group.dt / (self.settings.life * self.settings.epsilon_until), 1.0)
+
+    def _hope(self) -> None:
+        """Tell the device how much lower J of unknown places is taken to be: less with age, not at all in evaluation.
+
+        What was never tried is taken to be good (R-MAX, Brafman and Tennenholtz 2002), and by the equation so is what
+        leads there: the agent goes to the borders of what it knows until there are none.
+        """
+        if self.cells and self.settings.optimism:
+            left = 1 - self._explored() if self.exploration is None else np.zeros(self.size)
+            self.hope[...] = self.device.on((self.settings.optimism * left).astype(np.float32))
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Go on with the movements under way, decide where one has ended, and return actions (n,)."""
@@ -351,6 +368,7 @@ class HJB(Learner):
         explored = (share > drawn[:, 1:] * share[:, -1:]).argmax(axis=1)
         knows = np.flatnonzero(~explores)
         chosen = explored
+        self._hope()
         if knows.size:
             score = self._scores(slots[knows], observations[knows], open_[knows])
             if np.isnan(score).any() or np.isneginf(score).any():
@@ -467,6 +485,7 @@ class HJB(Learner):
             late_f=round(bf * s.recent_share),
             imagined=m,
         )
+        self._hope()
         self.device.update(self.brains, self.ring, draws, ready, self.rate(), self.loss_f, self.loss_j, self.ahead)
         bad = np.flatnonzero(ready & ~(np.isfinite(self.loss_f) & np.isfinite(self.loss_j)))
         if bad.size:
@@ -485,7 +504,7 @@ class HJB(Learner):
 
     def _held(self) -> dict[str, Any]:
         """Return every array that the device holds, by name."""
-        found = {name: getattr(self, name) for name in ("target", "cell_centre", "cell_count")}
+        found = {name: getattr(self, name) for name in ("target", "cell_centre", "cell_count", "hope")}
         for name, network in (("f", self.f), ("J", self.J)):
             found[name] = network.weights
             found |= {f"adam_{name}.{part}": getattr(network, part) for part in ("first", "second", "steps")}
@@ -573,17 +592,27 @@ class HJB(Learner):
             slope = self.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
         keep = s.gamma**duration
         total = drive(after) + slope
+        hoped = ahead * np.where(self._unknown(slot, after), 1 - float(self.device.off(self.hope[slot])), 1.0)
         return {
             "names": self.moves.names,
             "open": self.moves.open(mask[None])[0],
             "next_drive": drive(after),
             "slope": slope,
             "sum": total,
-            "score": (1 - keep) * 0.5 * (drive(zeta) + drive(after)) + keep * ahead if whole else total,
+            "score": (1 - keep) * 0.5 * (drive(zeta) + drive(after)) + keep * hoped if whole else total,
             "J": here,
             "gamma": s.gamma,
             "error": self._error(slot),
         }
+
+    def _unknown(self, slot: int, zeta: np.ndarray) -> np.ndarray:
+        """Return which of zeta (m, D) are farther than the spacing from all place cells; none where none are left."""
+        count = int(self.device.off(self.cell_count[slot]))
+        if not 0 < count < self.cells:
+            return np.zeros(len(zeta), bool)
+        centres = self.device.off(self.cell_centre[slot])[:, :count]  # (2, c)
+        gap = zeta[:, self.senses.place, None] - centres
+        return (np.square(gap).sum(1) > self.settings.place_spacing**2).all(1)
 
     def _error(self, slot: int, last: int = 64) -> np.ndarray:
         """Return the error of f per component over the `last` decisions, relative to the changes met, (D,)."""

@@ -66,6 +66,7 @@ class Senses(NamedTuple):
     epsilon: np.float32  # of the drive
     exponent: np.float32
     sharp: np.float32  # 1 / width^2 of a place cell
+    apart: np.float32  # squared distance from all place cells beyond which a place is unknown
     log_gamma: np.float32
     dt: np.float32
     centre_j: np.float32  # Jn = centre_j + spread_j x output
@@ -97,6 +98,7 @@ class Brains(NamedTuple):
     target: Array  # (n, Q) J itself without a target network
     cell_centre: Array  # (n, 2, C)
     cell_count: Array  # int (n,)
+    hope: Array  # (n,) share by which J of places without a place cell is taken to be lower
 
 
 class Ring(NamedTuple):
@@ -420,11 +422,13 @@ def silu_layer(x, w, b, out):
 
 
 @compiled
-def scores(s, zeta, open_, f_row, j_row, centres, cells, room, out):
+def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, room, out):
     """Fill out (b, M) with the HJB score of the open movements, drive units; infinity for the others.
 
-    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'); or d + dJ/dzeta . f.
+    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'); or d + dJ/dzeta . f. With `hope`, Jn
+    of a place unknown is lower by that share, as long as there are place cells to be given.
     """
+    hopes = hope > ZERO and 0 < cells < centres.shape[1]
     base, width, parts = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1]
     k = base + cells
     inputs = base + centres.shape[1]
@@ -475,7 +479,20 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, room, out):
         deviations(s, room.ahead[:count], j_row, centres, cells, room)
         flat = out.ravel()
         for r in range(count):
-            flat[room.which[r]] += room.keep[r] * room.outputs[r]
+            value = room.outputs[r]
+            if hopes and unknown(s, room.ahead[r], centres, cells):
+                value *= ONE - hope
+            flat[room.which[r]] += room.keep[r] * value
+
+
+@compiled
+def unknown(s, zeta, centres, cells):
+    """Return whether zeta (D,) is farther than the spacing from all place cells."""
+    for c in range(cells):
+        gap_x, gap_y = centres[0, c] - zeta[s.place[0]], centres[1, c] - zeta[s.place[1]]
+        if gap_x * gap_x + gap_y * gap_y <= s.apart:
+            return False
+    return True
 
 
 @compiled
@@ -905,6 +922,7 @@ def decide_each(s, brains, slots, rows, room):
             brains.J[i],
             brains.cell_centre[i],
             brains.cell_count[i],
+            brains.hope[i],
             room,
             out[r : r + 1],
         )
@@ -995,7 +1013,7 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
         if m:
             imagine(s, zeta, uniform[b + bf :], draws.normal[i], m)
         if s.minimum or s.finite:
-            scores(s, zeta, open_, brains.f[i], brains.target[i], centres, cells, room, table)
+            scores(s, zeta, open_, brains.f[i], brains.target[i], centres, cells, brains.hope[i], room, table)
             for r in range(b):
                 least = table[r, 0]
                 for v in range(1, s.movements):
@@ -1028,7 +1046,7 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
                 slow[p] += POLYAK * (fast[p] - slow[p])
         if ahead.open[i].any():
             here, options, table_ahead = ahead.zeta[i : i + 1], ahead.open[i : i + 1], ahead.score[i : i + 1]
-            scores(s, here, options, brains.f[i], brains.J[i], centres, cells, room, table_ahead)
+            scores(s, here, options, brains.f[i], brains.J[i], centres, cells, brains.hope[i], room, table_ahead)
 
 
 @compiled

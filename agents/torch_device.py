@@ -126,7 +126,9 @@ class Torch(Device):
         found = self._f(zeta, layers, centres, cells) * self.senses.unit
         return found[..., :-1], found[..., -1].clamp(self.senses.dt, LONGEST)
 
-    def _table(self, zeta: Tensor, open_: Tensor, f: list[Tensor], j: list[Tensor], *where: Tensor) -> Tensor:
+    def _table(
+        self, zeta: Tensor, open_: Tensor, f: list[Tensor], j: list[Tensor], hope: Tensor, *where: Tensor
+    ) -> Tensor:
         """Return the HJB score (a, R, M) of the open movements at zeta (a, R, D), infinity elsewhere."""
         s = self.senses
         change, tau = self._changes(zeta, f, *where)
@@ -134,12 +136,23 @@ class Torch(Device):
             ahead = (zeta[:, :, None] + change).clamp(s.low, s.high)
             keep = torch.exp(tau * s.log_gamma)
             ends = 0.5 * (self._drive(zeta)[..., None] + self._drive(ahead))
-            score = (1 - keep) * ends + keep * self._J(ahead.flatten(1, 2), j, *where).view_as(keep)
+            value = self._J(ahead.flatten(1, 2), j, *where)
+            value = torch.where(self._unknown(ahead.flatten(1, 2), *where), (1 - hope[:, None]) * value, value)
+            score = (1 - keep) * ends + keep * value.view_as(keep)
         else:
             rate = change / tau[..., None]
             climb = (self._slope(zeta, j, *where, graph=False)[:, :, None] * rate).sum(-1)
             score = self._drive(zeta[:, :, None] + rate * s.dt) - climb / s.log_gamma
         return score.masked_fill(~open_, math.inf)
+
+    def _unknown(self, zeta: Tensor, centres: Tensor, cells: Tensor) -> Tensor:
+        """Return which of zeta (a, R, D) lie beyond the spacing of all place cells; none where no cell is left."""
+        count = centres.shape[-1]
+        known = torch.zeros(zeta.shape[:2], dtype=torch.bool, device=self.name)
+        for c in range(count):  # one after the other: all at once would take C times the room
+            gap = zeta[..., self.senses.place] - centres[:, None, :, c]
+            known |= (gap.square().sum(-1) <= self.senses.apart) & (cells > c)[:, None]
+        return ~known & ((cells > 0) & (cells < count))[:, None]
 
     # ---- acting -------------------------------------------------------------------------------
 
@@ -151,7 +164,7 @@ class Torch(Device):
             who = at[part]
             centres, cells = brains.cell_centre[who], brains.cell_count[who]
             f, j = (self._layers(rows[who], self._inputs(brains)) for rows in (brains.f, brains.J))
-            found.append(self._table(states[part], options[part], f, j, centres, cells)[:, 0])
+            found.append(self._table(states[part], options[part], f, j, brains.hope[who], centres, cells)[:, 0])
         return self.off(torch.cat(found))
 
     def _inputs(self, brains: Brains) -> int:
@@ -229,7 +242,7 @@ class Torch(Device):
         else:
             did = functional.one_hot(movement.clamp(min=0).long(), s.movements).bool()
             open_ = self._picked(ring.open, at) if s.minimum else did
-            goal = self._table(zeta, open_, f, target, *where).amin(-1).clamp(0.0, s.ceiling)
+            goal = self._table(zeta, open_, f, target, own.hope, *where).amin(-1).clamp(0.0, s.ceiling)
 
         # J
         leaves = [layer.detach().requires_grad_() for layer in self._layers(own.J, inputs)]

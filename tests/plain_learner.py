@@ -142,10 +142,19 @@ class PlainAgent:
                 after = torch.minimum(torch.maximum(zeta[:, None] + change, self.low), self.high)
                 keep = self.s.gamma**duration
                 ahead = self.deviation(after.flatten(0, 1), network_).view(keep.shape)
+                ahead = torch.where(self.unknown(after), ahead * (1 - float(self.own(self.learner.hope))), ahead)
                 return (1 - keep) * 0.5 * (self.drive(zeta)[:, None] + self.drive(after)) + keep * ahead
         rate = change / duration[..., None]
         climb = (self.slope(zeta, network_)[:, None] * rate).sum(-1)
         return self.drive(zeta[:, None] + rate * self.dt) - climb / math.log(self.s.gamma)
+
+    def unknown(self, zeta: Tensor) -> Tensor:
+        """Return which of zeta (..., D) are farther than the spacing from all place cells, if more can be given."""
+        count = int(self.own(self.learner.cell_count))
+        if not 0 < count < self.learner.cells:
+            return torch.zeros(zeta.shape[:-1], dtype=torch.bool)
+        centres = torch.from_numpy(self.own(self.learner.cell_centre).T)[:count]
+        return torch.cdist(zeta[..., self.place], centres).amin(-1) > self.s.place_spacing
 
     def best(self, zeta: np.ndarray, open_: np.ndarray) -> int:
         """Return the open movement of least score at one zeta (D,)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,7 +142,7 @@ def test_slope_is_the_derivative_of_the_deviation_function() -> None:
     """dJn/dzeta agrees with central differences of Jn, place cells included."""
     env, learner = paper_learner(adaptive_steps=False, update_every=4.0)
     loop.run(env, {"agent": learner}, env.reset_arrays(0), 300)
-    learner.J.weights[0, -learner.J.last : -1] += np.linspace(-0.2, 0.2, learner.J.last - 1)
+    learner.J.weights[0, -learner.J.last : -1] += np.linspace(-0.4, 0.4, learner.J.last - 1)
     slope = learner.slope(0, HERE)[0]
     assert np.abs(slope).max() > 0.03
     for i in range(HERE.shape[-1]):
@@ -243,6 +244,25 @@ def test_explored_walks_go_on() -> None:
     assert max(on) >= 5
 
 
+def test_an_optimist_goes_where_it_has_not_been() -> None:
+    """Six optimists know more of the arena after 4,000 ticks than six others; the hope ends with their youth."""
+    known = {}
+    for optimism in (0.0, 0.5):
+        scenario = scenarios.load("paper")
+        many = replace(scenario.species[0], count=6, solid=False)
+        env = Ecology(replace(scenario, species=(many,)))
+        learner = agents.make("hjb", env.groups["agent"], SEED, {"life": 20_000.0, "optimism": optimism})
+        assert isinstance(learner, HJB)
+        tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 4000)
+        known[optimism] = learner.cell_count.copy()
+        assert learner.hope == pytest.approx(np.full(6, optimism * 2 / 3), abs=1e-3)
+        learner.evaluating(0.0)
+        loop.run(env, {"agent": learner}, tick, 50)
+        assert not learner.hope.any()
+    assert known[0.5].mean() > known[0.0].mean() + 2
+    assert known[0.5].min() > known[0.0].min()
+
+
 def test_a_life_goes_on_from_its_state() -> None:
     """A learner restored from its state lives on exactly as the one that was never stopped."""
     env, learner = paper_learner()
@@ -284,6 +304,7 @@ def test_a_number_that_is_not_finite_stops_the_run() -> None:
         ({"pause": math.nan}, "pause must be positive and finite, got nan"),
         ({"life": math.inf}, "life must be positive and finite, got inf"),
         ({"place_width": 1e-30}, "place_width must be a length of at least 0.001"),
+        ({"optimism": 1.5}, "optimism must be from 0 to 1, got 1.5"),
         ({"width": 6.5}, "width is of type int, got 6.5"),
         ({"replay": 1}, "replay is of type bool, got 1"),
     ],

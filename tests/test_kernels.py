@@ -37,6 +37,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "first-order score": {**SMALL, "finite_difference": False},
     "lean": {**hjb.LEAN, "place_cells": 8, "memory": 60},
     "nothing imagined": {**SMALL, "imagined": 0.0},
+    "all of it hoped": {**SMALL, "optimism": 1.0},
+    "not optimistic": {**SMALL, "optimism": 0.0},
 }
 
 
@@ -90,6 +92,7 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
             open_ = rng.random((1, learner.count)) < 0.5
             open_[0, max(movement[0], 0)] = True
             learner.memory.add(np.array([slot]), zeta, movement, after, rng.uniform(1, 20, 1), open_)
+    learner._hope()
     return learner
 
 
@@ -195,6 +198,8 @@ def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
         found = learner.predict(slot, zeta[row : row + 1])
         assert found["change"] == pytest.approx(change.detach().numpy(), rel=1e-3, abs=1e-5)
         assert found["duration"] == pytest.approx(duration.detach().numpy(), rel=1e-3)
+        told = learner.decision(slot, zeta[row], np.ones(len(learner.group.actions), bool))
+        assert told["score"] == pytest.approx(expected, rel=1e-3, abs=1e-4)
 
 
 def test_a_life_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:

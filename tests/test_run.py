@@ -336,7 +336,7 @@ def _change(key: str, value: object) -> Callable[[Path], None]:
 
 def _other_tick(folder: Path) -> None:
     index = json.loads((folder / "checkpoint.json").read_text())
-    index["values"]["tally"]["births"] += 1
+    index["values"]["tally"]["closed"] += 1
     (folder / "checkpoint.json").write_text(json.dumps(index))
 
 
