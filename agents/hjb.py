@@ -49,7 +49,7 @@ class HJBSettings:
     epsilon: float = 0.5  # exploration at birth
     epsilon_final: float = 0.1  # from `epsilon_until` of life on
     epsilon_until: float = 0.6  # share of life
-    persistence: int = 8  # strides that an explored walk goes on for at most (Dabney et al. 2021); 1: one
+    persistence: int = 8  # strides that a walk explored without optimism goes on for at most (Dabney et al. 2021)
     width: int = 64  # of both hidden layers of f and J
     learning_rate: float = 4e-3
     learning_rate_final: float = 2e-4  # reached linearly in the second half of life
@@ -71,7 +71,8 @@ class HJBSettings:
     place_cells: int = 64  # Gaussian bumps of position, recruited where the agent has been; 0: none
     place_spacing: float = 0.75  # length between centres
     place_width: float = 0.6  # length, standard deviation of a bump
-    optimism: float = 0.5  # share by which J of where it has not been is taken to be lower; falls to 0 with epsilon
+    optimism: float = 1.0  # share by which J of where it has not been is taken to be lower at birth (R-MAX)
+    optimism_until: float = 0.2  # share of life, at which that has fallen to 0
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
@@ -90,7 +91,7 @@ class HJBSettings:
 RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
     (("gamma",), "between 0 and 1, both excluded", lambda v: 0 < v < 1),
     (("epsilon", "epsilon_final", "recent_share", "imagined", "optimism"), "from 0 to 1", lambda v: 0 <= v <= 1),
-    (("epsilon_until",), "above 0 and at most 1", lambda v: 0 < v <= 1),
+    (("epsilon_until", "optimism_until"), "above 0 and at most 1", lambda v: 0 < v <= 1),
     (("place_cells", "mutation"), "0 or more", lambda v: v >= 0),
     (("width", "batch", "batch_f", "recent", "memory", "persistence"), "1 or more", lambda v: v >= 1),
     (("place_spacing", "place_width"), "a length of at least 0.001", lambda v: v >= 1e-3),
@@ -181,6 +182,7 @@ class HJB(Learner):
         kinds = np.array(layout.kinds)
         self.components, self.count = len(kinds), len(self.moves.names)
         self.cells = s.place_cells if np.sum(kinds == "position") >= 2 else 0
+        self.hopes = self.cells > 0 and s.optimism > 0 and s.finite_difference
         self.senses = self._senses()
         self.device = at = devices.make(device, self.senses, n)
         draw = np.random.default_rng(seed.spawn(1)[0])
@@ -325,11 +327,8 @@ class HJB(Learner):
         if self.exploration is not None:
             return np.full(self.size, self.exploration)
         s = self.settings
-        return s.epsilon + (s.epsilon_final - s.epsilon) * self._explored()
-
-    def _explored(self) -> np.ndarray:
-        """Return the share that is over of the part of life in which epsilon falls, (n,)."""
-        return np.minimum(self.age * self.group.dt / (self.settings.life * self.settings.epsilon_until), 1.0)
+        gone = np.minimum(self.age * self.group.dt / (s.life * s.epsilon_until), 1.0)
+        return s.epsilon + (s.epsilon_final - s.epsilon) * gone
 
     def _hope(self) -> None:
         """Tell the device how much lower J of unknown places is taken to be: less with age, not at all in evaluation.
@@ -337,9 +336,10 @@ class HJB(Learner):
         What was never tried is taken to be good (R-MAX, Brafman and Tennenholtz 2002), and by the equation so is what
         leads there: the agent goes to the borders of what it knows until there are none.
         """
-        if self.cells and self.settings.optimism:
-            left = 1 - self._explored() if self.exploration is None else np.zeros(self.size)
-            self.hope[...] = self.device.on((self.settings.optimism * left).astype(np.float32))
+        s = self.settings
+        if self.hopes:
+            left = np.maximum(1 - self.age * self.group.dt / (s.life * s.optimism_until), 0.0)
+            self.hope[...] = self.device.on((s.optimism * left * (self.exploration is None)).astype(np.float32))
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Go on with the movements under way, decide where one has ended, and return actions (n,)."""
@@ -375,7 +375,7 @@ class HJB(Learner):
                 bad = int(slots[knows[np.flatnonzero(~(score > -np.inf).all(axis=1))[0]]])
                 raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
             chosen[knows] = score.argmin(axis=1)
-        if self.learning and self.settings.persistence > 1:
+        if self.learning and self.settings.persistence > 1 and not self.hopes:
             chosen = self._persist(slots, chosen, explores, open_)
         self.movement[slots] = chosen
         self.stage[slots] = 0

@@ -224,10 +224,10 @@ def test_states_on_the_way_are_of_the_tick_that_they_say() -> None:
 
 
 def test_explored_walks_go_on() -> None:
-    """Walks explored at random are longer than a stride, by a zeta law; other movements happen once."""
+    """Walks explored without optimism are longer than a stride, by a zeta law; other movements happen once."""
 
     def strides(persistence: int) -> list[int]:
-        env, learner = paper_learner(epsilon=1.0, epsilon_final=1.0, persistence=persistence)
+        env, learner = paper_learner(epsilon=1.0, epsilon_final=1.0, persistence=persistence, optimism=0.0)
         chosen: list[str] = []
         decisions, tick = 0, env.reset_arrays(0)
         for _ in range(4000):
@@ -245,22 +245,25 @@ def test_explored_walks_go_on() -> None:
 
 
 def test_an_optimist_goes_where_it_has_not_been() -> None:
-    """Six optimists know more of the arena after 4,000 ticks than six others; the hope ends with their youth."""
+    """After 8,000 ticks the optimist of six that knows least has been in more places than others have in the mean.
+
+    The hope falls with age, and is gone in an evaluation.
+    """
+    scenario = scenarios.load("paper")
+    many = replace(scenario.species[0], count=6, solid=False)
     known = {}
-    for optimism in (0.0, 0.5):
-        scenario = scenarios.load("paper")
-        many = replace(scenario.species[0], count=6, solid=False)
+    for optimism in (0.0, 1.0):
         env = Ecology(replace(scenario, species=(many,)))
-        learner = agents.make("hjb", env.groups["agent"], SEED, {"life": 20_000.0, "optimism": optimism})
+        words = {"life": 60_000.0, "optimism": optimism, "persistence": 1}
+        learner = agents.make("hjb", env.groups["agent"], SEED, words)
         assert isinstance(learner, HJB)
-        tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 4000)
+        tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 8_000)
         known[optimism] = learner.cell_count.copy()
-        assert learner.hope == pytest.approx(np.full(6, optimism * 2 / 3), abs=1e-3)
+        assert learner.hope == pytest.approx(np.full(6, optimism / 3), abs=1e-3)
         learner.evaluating(0.0)
         loop.run(env, {"agent": learner}, tick, 50)
         assert not learner.hope.any()
-    assert known[0.5].mean() > known[0.0].mean() + 2
-    assert known[0.5].min() > known[0.0].min()
+    assert known[1.0].min() > known[0.0].mean()
 
 
 def test_a_life_goes_on_from_its_state() -> None:

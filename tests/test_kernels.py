@@ -37,7 +37,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "first-order score": {**SMALL, "finite_difference": False},
     "lean": {**hjb.LEAN, "place_cells": 8, "memory": 60},
     "nothing imagined": {**SMALL, "imagined": 0.0},
-    "all of it hoped": {**SMALL, "optimism": 1.0},
+    "less optimistic": {**SMALL, "optimism": 0.4},
     "not optimistic": {**SMALL, "optimism": 0.0},
 }
 
