@@ -148,10 +148,10 @@ class Torch(Device):
     def _unknown(self, zeta: Tensor, centres: Tensor, cells: Tensor) -> Tensor:
         """Return which of zeta (a, R, D) lie beyond the spacing of all place cells; none where no cell is left."""
         count = centres.shape[-1]
-        known = torch.zeros(zeta.shape[:2], dtype=torch.bool, device=self.name)
-        for c in range(count):  # one after the other: all at once would take C times the room
-            gap = zeta[..., self.senses.place] - centres[:, None, :, c]
-            known |= (gap.square().sum(-1) <= self.senses.apart) & (cells > c)[:, None]
+        exact = "donot_use_mm_for_euclid_dist"
+        away = torch.cdist(zeta[..., self.senses.place], centres.transpose(1, 2), compute_mode=exact)  # (a, R, C)
+        given = torch.arange(count, device=self.name) < cells[:, None]
+        known = ((away.square() <= self.senses.apart) & given[:, None]).any(-1)
         return ~known & ((cells > 0) & (cells < count))[:, None]
 
     # ---- acting -------------------------------------------------------------------------------
@@ -173,7 +173,8 @@ class Torch(Device):
     def _parts(self, count: int, brains: Brains, states: int) -> list[slice]:
         """Return slices of `count` agents, each of a size whose work on `states` states fits into the room."""
         s = self.senses
-        ahead = states * s.movements * (2 * self._inputs(brains) + 4 * s.width + 6 * len(s.low))
+        cells = brains.cell_centre.shape[2]
+        ahead = states * s.movements * (2 * self._inputs(brains) + 2 * cells + 4 * s.width + 6 * len(s.low))
         size = max(1, ROOM // (4 * (ahead + 3 * brains.f.shape[1] + 3 * brains.J.shape[1])))
         return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
