@@ -220,7 +220,8 @@ def fetch(_, array, index):  # type: ignore[no-untyped-def]
 def matrix(_, flat, start, rows, columns):  # type: ignore[no-untyped-def]
     """Return what a flat array holds from `start` on as (rows, columns), a view that counts no references.
 
-    A reshape would first call a function that finds out whether it is possible.
+    A reshape would first call a function that finds out whether it is possible. Only for arrays that someone else
+    keeps alive: an array made in the same function is gone after its last use there, whatever views there are.
     """
 
     def view(context, builder, signature, args):  # type: ignore[no-untyped-def]
@@ -1089,14 +1090,23 @@ def slope_at(s, brains, slot, zeta):
 @compiled
 def forecast_at(s, brains, slot, zeta):
     """Return f's outputs (m, M (D + 1)) of one agent at zeta (m, D), in its units."""
-    base, parts, rows = len(s.plain) + 2 * len(s.angle), zeta.shape[1], len(zeta)
-    centres, cells = brains.cell_centre[slot], brains.cell_count[slot]
-    w1, b1, w2, b2, w3, b3 = layers(brains.f[slot], base + centres.shape[1], s.width)
-    room = room_for(s, rows, parts, len(w3), base + centres.shape[1], rows)
+    inputs = len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
+    out = np.empty((len(zeta), s.movements * (zeta.shape[1] + 1)), F)
+    room = room_for(s, len(zeta), zeta.shape[1], 1, inputs, 1)
+    forecast(s, zeta, brains.f[slot], brains.cell_centre[slot], brains.cell_count[slot], room, out)
+    return out
+
+
+@compiled
+def forecast(s, zeta, f_row, centres, cells, room, out):
+    """Fill out (m, M (D + 1)) with f at zeta (m, D), in its units."""
+    base, rows = len(s.plain) + 2 * len(s.angle), len(zeta)
     k = base + cells
+    w1, b1, w2, b2, w3, b3 = layers(f_row, base + centres.shape[1], s.width)
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)
     h1, h2 = shaped(room.first, rows, s.width), shaped(room.second, rows, s.width)
     relu_layer(x, w1[:k], b1, h1)
     relu_layer(h1, w2, b2, h2)
-    return np.dot(h2, w3.T) + b3
+    np.dot(h2, w3.T, out)
+    out += b3

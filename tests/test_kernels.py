@@ -202,6 +202,20 @@ def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
         assert told["score"] == pytest.approx(expected, rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.parametrize("rows", [2, 40, 3_000])
+def test_many_states_at_once_are_as_one_by_one(rows: int, computes: str) -> None:
+    """J, its slope and f at any number of states are those at each of them alone; memory in use is not given away."""
+    learner = learned(SMALL)
+    layout = learner.group.layout
+    zeta = np.random.default_rng(1).uniform(layout.low, layout.high, (rows, learner.components)).astype(np.float32)
+    some = [0, rows // 2, rows - 1]
+    for ask in (learner.deviation, learner.slope, lambda slot, at: learner.predict(slot, at)["change"]):
+        together = ask(1, zeta)
+        assert len(together) == rows
+        for row in some:
+            assert together[row] == pytest.approx(ask(1, zeta[row : row + 1])[0], rel=1e-3, abs=1e-4)
+
+
 def test_a_life_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:
     """A learner on torch lives, gives birth, is stopped, goes on the same, and goes on by kernels as well."""
     scenario = scenarios.load("paper", ticks=400)
