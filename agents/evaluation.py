@@ -235,7 +235,7 @@ def maps_of(scenario: Scenario, learner: Learner, slot: int = 0) -> Maps | None:
     value = deviation_maps(species, group, learner, slot, grid)
     if value is None:
         return None
-    serves = serving(scenario, compile_actions(species, scenario.resources, len(species.needs), scenario.species))
+    serves = serving(scenario, compile_actions(species, scenario.resources, scenario.species))
     needs = mapped_needs(species)
     walk = np.full(value.shape, np.nan)
     resources = [serves.get(need, -1) for need in needs]
@@ -313,7 +313,7 @@ def probe(
     learner.evaluating(EPSILON)
     env, group = Ecology(scenario), learner.group
     species, n = scenario.species[group.index], group.size
-    table = compile_actions(species, scenario.resources, len(species.needs), scenario.species)
+    table = compile_actions(species, scenario.resources, scenario.species)
     serves = serving(scenario, table)
     rng = np.random.default_rng(seed)
     names = [resource.name for resource in scenario.resources]

@@ -162,7 +162,9 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
                 f"a planner counts on resources that are unlimited and stay in place, or swing about it; "
                 f"{resource.name!r} of {scenario.name!r} does not. Leave planner and camping out of the comparison."
             )
-    table = compile_actions(species, scenario.resources, len(species.needs), scenario.species)
+    table = compile_actions(species, scenario.resources, scenario.species)
+    own = {name: getattr(table, name)[:, : len(species.needs)] for name in ("control", "opens_from", "closes_at")}
+    table = replace(table, **own)  # its own needs alone
     serves = [served(table, r) for r in range(len(scenario.resources))]
     moves = np.flatnonzero(np.array(table.kinds) == "move")
     sleeps = np.flatnonzero(np.array(table.kinds) == "sleep")

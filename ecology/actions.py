@@ -41,10 +41,9 @@ class ActionTable:
     committed: bool  # whether a go_to excludes the other actions until it ends
 
 
-def compile_actions(
-    species: Species, resources: tuple[Resource, ...], width: int, everyone: Sequence[Species]
-) -> ActionTable:
-    """Return the action table of `species`, its need columns padded to `width`; it meets `everyone`."""
+def compile_actions(species: Species, resources: tuple[Resource, ...], everyone: Sequence[Species]) -> ActionTable:
+    """Return the action table of `species`, which meets `everyone`; it has columns for as many needs as any of them."""
+    width = max(len(s.needs) for s in everyone)
     columns = {s.name: {need.name: i for i, need in enumerate(s.needs)} for s in everyone}
     column = columns[species.name]
     index = {s.name: i for i, s in enumerate(everyone)}

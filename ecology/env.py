@@ -102,7 +102,7 @@ class Ecology(ParallelEnv):
         self._walls = np.array(scenario.arena.vertices, dtype=float)
         self._body = physiology.compile_bodies(species, width)
         self._eyes = senses.compile_eyes(species, scenario.arena, scenario.resources)
-        self._tables = [compile_actions(s, scenario.resources, width, species) for s in species]
+        self._tables = [compile_actions(s, scenario.resources, species) for s in species]
         self._resources = resources.compile_resources(scenario.resources)
         self._gazes = [
             senses.compile_gaze(s, rows, scenario.arena, scenario.resources, species)

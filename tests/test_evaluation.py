@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import agents
 import scenarios
 from agents import evaluation, figures, planner
 from agents.base import Learner
@@ -164,6 +165,15 @@ def test_probe_tells_who_goes_where_it_should():
 
 
 # ---- J and f -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("species", "eaten"), [("prey", {"energy"}), ("predator", set())])
+def test_a_species_is_probed_among_others_that_need_more_or_less(species, eaten):
+    """A predator has one need and bites what has two: each is measured by the needs of its own."""
+    scenario = scenarios.load("predator_prey")
+    learner = agents.make("lean", Ecology(scenario).groups[species], np.random.SeedSequence(0), {"memory": 10})
+    assert set(evaluation.probe(scenario, learner, 0, places=1, limit=3)) == eaten
+    assert evaluation.maps_of(scenario, learner) is None  # without a sense of place
 
 
 def test_deviation_check_of_a_true_j(room):
