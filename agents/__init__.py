@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
+import importlib.util
+import re
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,17 +46,55 @@ LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
 
 
 def learner_class(name: str) -> type[Learner]:
-    """Return the class of the learner `name`."""
-    if name not in LEARNERS:
-        raise EcologyError(f"there is no learner {name!r}. {nearest(name, LEARNERS)}")
-    module, cls, _, _ = LEARNERS[name]
-    return getattr(importlib.import_module(module), cls)
+    """Return the class of the learner `name`, or of one in a file: "path.py", or "path.py:Class" where it has several.
+
+    Loading a file runs its code: load only files that you trust.
+    """
+    if name in LEARNERS:
+        module, cls, _, _ = LEARNERS[name]
+        return getattr(importlib.import_module(module), cls)
+    own = re.fullmatch(r"(.+\.py)(?::(\w+))?", name)
+    if not own:
+        raise EcologyError(
+            f"there is no learner {name!r}. {nearest(name, LEARNERS)} One of your own is given by the path of its "
+            "file, as my_learner.py, or as my_learner.py:Class."
+        )
+    path = Path(own[1]).absolute()
+    if not path.is_file():
+        raise EcologyError(f"there is no learner file {own[1]!r}; give the path of a .py file.")
+    found = _classes(path, path.stat().st_mtime_ns)
+    wanted = [own[2]] if own[2] else list(found)
+    if len(wanted) != 1 or wanted[0] not in found:
+        raise EcologyError(
+            f"a learner file defines a subclass of agents.base.Learner, and of several one is named, as "
+            f"{path.name}:Class; {own[1]!r} defines {', '.join(found) or 'none'}, and {own[2] or 'none'} is named."
+        )
+    return found[wanted[0]]
+
+
+@functools.lru_cache
+def _classes(path: Path, changed: int) -> dict[str, type[Learner]]:  # noqa: ARG001  (a file that changed is another)
+    """Return the learners that the file at `path` defines, by name."""
+    spec = importlib.util.spec_from_file_location(f"agents._loaded_{path.stem}", path)
+    assert spec is not None  # it ends in .py
+    assert spec.loader is not None
+    loaded = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = loaded  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(loaded)
+    except SyntaxError as error:
+        raise EcologyError(f"the learner file {str(path)!r} is no Python: {error}.") from error
+    return {
+        key: each
+        for key, each in vars(loaded).items()
+        if isinstance(each, type) and issubclass(each, Learner) and each.__module__ == spec.name
+    }
 
 
 def settings(name: str) -> dict[str, Any]:
     """Return the settings of the learner `name` with their defaults."""
     cls = learner_class(name)
-    module, _, preset, _ = LEARNERS[name]
+    module, _, preset, _ = LEARNERS.get(name, ("", "", None, ""))
     return {**cls.defaults(), **(getattr(importlib.import_module(module), preset) if preset else {})}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -83,6 +84,15 @@ class Learner(ABC):
         if settings:
             raise EcologyError(f"the learner {cls.__name__} has no settings, got {sorted(settings)}.")
         return cls(group, seed)
+
+    @functools.cached_property
+    def _terms(self) -> tuple[np.ndarray, np.ndarray, float]:
+        return drive_terms(self.group.layout)
+
+    def drive(self, zeta: np.ndarray) -> np.ndarray:
+        """Return d (...) at zeta (..., D), which an agent is given to know; its reward is the fall of d in a tick."""
+        mix, felt, exponent = self._terms
+        return (np.square(zeta @ mix).sum(-1) + self.group.layout.epsilon) ** (exponent / 2) + zeta @ felt
 
     @abstractmethod
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.base import Learner, Transition, drive_terms
+from agents.base import Learner, Transition
 from ecology import EcologyError, Group
 from ecology.errors import nearest
 
@@ -65,7 +65,6 @@ class Averaging(Learner):
         if not isinstance(epsilon, (int, float)) or not (math.isfinite(epsilon) and 0 <= epsilon <= 1):
             raise EcologyError(f"learner setting epsilon must lie between 0 and 1, got {epsilon!r}.")
         self.epsilon = float(epsilon)
-        self.mix, self.felt, self.exponent = drive_terms(group.layout)
         nobody = np.zeros((0, len(group.layout.kinds)))
         self.met = np.zeros((self.size, len(group.actions)))  # how often each action has been met
         self.mean = np.zeros((*self.met.shape, self.brings(nobody, nobody).shape[1]))  # of what it brought
@@ -77,11 +76,6 @@ class Averaging(Learner):
     @abstractmethod
     def score(self, zeta: np.ndarray) -> np.ndarray:
         """Return what is expected of every action at zeta (n, D), (n, A); less is better."""
-
-    def drive(self, zeta: np.ndarray) -> np.ndarray:
-        """Return d, (...) at zeta (..., D)."""
-        own = np.square(zeta @ self.mix).sum(axis=-1) + self.group.layout.epsilon
-        return own ** (self.exponent / 2) + zeta @ self.felt
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Return open actions (n,): epsilon-greedy in the score."""

@@ -579,11 +579,7 @@ class HJB(Learner):
         if whole:
             angle = np.array(layout.kinds) == "angle"
             after = np.clip(after, np.where(angle, -np.inf, layout.low), np.where(angle, np.inf, layout.high))
-        mix, felt, exponent = drive_terms(layout)
-
-        def drive(at: np.ndarray) -> np.ndarray:
-            return (np.square(at @ mix).sum(-1) + layout.epsilon) ** (exponent / 2) + at @ felt
-
+        drive = self.drive
         here = float(self.deviation(slot, zeta[None])[0])
         ahead = self.deviation(slot, after.astype(np.float32))
         if whole:

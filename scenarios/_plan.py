@@ -166,11 +166,13 @@ def resolve(
     chosen = {}
     for species in world.species:
         of_config = given.get(species.name, {})
-        name = of_config.get("name", species.learner)
-        own = of_config.get("settings", species.learner_settings if name == species.learner else {})
+        default = _placed(species.learner)
+        name = _placed(of_config.get("name", default))
+        own = of_config.get("settings", species.learner_settings if name == default else {})
         chosen[species.name] = (name, dict(own))
     for word in learners:
         species_name, _, name = word.rpartition("=")
+        name = _placed(name)
         for owner in _owners(species_name, chosen):
             if chosen[owner][0] != name:
                 chosen[owner] = (name, {})
@@ -180,7 +182,7 @@ def resolve(
     resolved = _tweaked(chosen, tweaks, life=ticks * float(world.dt))
     _check_device(words.get("device", "cpu"), {name for name, _ in resolved.values()})
     plan = Plan(
-        scenario=os.path.abspath(scenario) if scenario.endswith(".py") else scenario,
+        scenario=_placed(scenario),
         settings={key: value for key, value in world.settings.items() if key != "ticks"},
         learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
         ticks=ticks,
@@ -193,6 +195,11 @@ def resolve(
     if plan.record_detail not in ("auto", "full", "lean"):
         raise EcologyError(f"record_detail is auto, full or lean, got {plan.record_detail!r}.")
     return plan
+
+
+def _placed(name: str) -> str:
+    """Return the name of a scenario or a learner; where it is a file, by its whole path."""
+    return os.path.abspath(name) if re.search(r"\.py(:\w+)?$", name) else name
 
 
 Chosen = dict[str, tuple[str, dict[str, Any]]]  # species -> learner, settings

@@ -4,10 +4,12 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import scenarios
-from agents import learner_class, settings
+from agents import checkpoint, learner_class, settings
 from ecology import Ecology, contract
+from scenarios.cli import main
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
@@ -36,6 +38,75 @@ def test_the_tutorial_builds_predators_and_prey(tmp_path):
         born += np.count_nonzero(tick.born)
     assert bitten > 0
     assert born > 0
+
+
+def own_learner() -> str:
+    """Return the file with a learner that the README shows."""
+    section = README.partition("### A learner of your own")[2].partition("### Other people's learners")[0]
+    (found,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    return found
+
+
+def test_a_learner_of_ones_own_runs_and_goes_on(tmp_path, monkeypatch, capsys):
+    """The README's learner is run by its path, takes a setting, learns, and goes on as if it had not been stopped."""
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(own_learner(), encoding="utf-8")
+
+    def type_(*words):
+        with pytest.raises(SystemExit) as left:
+            main(words)
+        assert left.value.code in (0, None), capsys.readouterr().err
+
+    words = (
+        "run",
+        "predator_prey",
+        "--learner",
+        "prey=mine.py",
+        "--learner",
+        "predator=mine.py:Softmax",
+        "--no-record",
+    )
+    words += ("--set", "prey.learner.temperature=0.5", "--quiet")
+    type_(*words, "--ticks", "200", "--out", "whole")
+    type_(*words, "--ticks", "120", "--out", "parts")
+    monkeypatch.chdir(tmp_path / "parts")
+    type_("run", "--resume", ".", "--ticks", "200", "--quiet")
+    whole, parts = (checkpoint.read(tmp_path / name / "checkpoint") for name in ("whole", "parts"))
+    for name, array in whole["learner_prey"][0].items():
+        assert np.array_equal(array, parts["learner_prey"][0][name]), name
+    assert whole["learner_prey"][0]["met"].sum() > 1_000
+    assert whole["world"][0]["serial"].max() > 60  # slots were used again
+    config = (tmp_path / "whole" / "config.toml").read_text()
+    assert f'name = "{tmp_path / "mine.py"}"' in config
+    assert "temperature = 0.5" in config
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "said"),
+    [
+        ("gone.py", None, "there is no learner file"),
+        ("mine.py", "x = 1", "defines none"),
+        ("mine.py:Other", own_learner(), "defines Softmax, and Other is named"),
+        (
+            "mine.py",
+            own_learner() + "\n\nclass Second(Softmax):\n    pass\n",
+            "defines Softmax, Second, and none is named",
+        ),
+        ("mine.py", "x = (", "is no Python"),
+        ("mine.py", "x = y", "mine.py"),
+        ("mine", own_learner(), "as my_learner.py"),
+    ],
+)
+def test_a_file_that_holds_no_learner_is_one_clear_error(name, code, said, tmp_path, monkeypatch, capsys):
+    """A user's error is one message and exit code 2, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    if code:
+        Path("mine.py").write_text(code, encoding="utf-8")
+    with pytest.raises(SystemExit) as left:
+        main(["run", "paper", "--learner", name, "--ticks", "10", "--out", "run"])
+    assert left.value.code == 2
+    assert said in capsys.readouterr().err.replace("\n", " ")
+    assert not Path("run").exists()
 
 
 def test_every_command_is_in_the_readme():
