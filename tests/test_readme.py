@@ -8,7 +8,7 @@ import pytest
 
 import scenarios
 from agents import checkpoint, learner_class, settings
-from ecology import Ecology, contract
+from ecology import Arena, Ecology, Need, Scenario, Species, act, contract, rest
 from scenarios.cli import main
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
@@ -38,6 +38,26 @@ def test_the_tutorial_builds_predators_and_prey(tmp_path):
         born += np.count_nonzero(tick.born)
     assert bitten > 0
     assert born > 0
+
+
+def test_the_rule_that_is_shown_takes_what_it_gives():
+    """Children near a helper that calls get what it loses; the others get nothing."""
+    section = README.partition("### More words")[2].partition("## Commands")[0]
+    (code,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    words = {"np": np}
+    exec(code, words)
+    energy = Need(name="energy", set_point=1.0)
+    helper = Species(name="helper", needs=(energy,), actions=(rest(), act("call")), position=(1.0, 1.0), count=1)
+    child = Species(name="child", needs=(energy,), actions=(rest(),), count=40, solid=False)
+    room = Arena(vertices=((0, 0), (9, 0), (9, 9), (0, 9)))
+    env = Ecology(Scenario(name="nursery", arena=room, resources=(), species=(helper, child), rule=words["share"]))
+    env.reset_arrays(seed=0)
+    env.step_arrays(np.array([1] + [0] * 40))
+    state = env.state_view
+    near = np.linalg.norm(state.position[1:] - state.position[0], axis=1) < 2.0
+    assert 0 < near.sum() < 40
+    np.testing.assert_allclose(state.received[1:, 0], 0.01 * near)
+    np.testing.assert_allclose(state.given[0, 0], 0.01 * near.sum())
 
 
 def own_learner() -> str:
