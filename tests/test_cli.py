@@ -417,6 +417,30 @@ def test_view_needs_a_recording(ecology: Command, short: Command) -> None:
     assert "recording" in err
 
 
+@pytest.mark.parametrize(("size", "end"), [(0, 0), (3, 0), (100, 0), (20_000, 0), (100, 64)])
+def test_a_recording_of_which_nothing_is_left_is_an_error(ecology: Command, size: int, end: int) -> None:
+    """However one looks at a recording that lost its first tick, exit code 2 and one message name it."""
+    from ecology.observers import viewer
+
+    run = ("run", "paper", "--ticks", "20", "--learner", "random", "--out", "mine", "--quiet")
+    assert ecology(*run)[0] == 0
+    path = Path("mine/recording.rrd")
+    data = path.read_bytes()
+    path.write_bytes(data[:size] + data[len(data) - end :])
+    before = path.read_bytes(), set(Path("mine").iterdir())
+    looks = (("view", "mine", "--screenshot", "x.png"), ("view", "mine", "--serve"), ("film", "mine", "x.gif"))
+    for words in looks:
+        code, out, err = ecology(*words)
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert "'mine/recording.rrd'" in err
+    assert not Path("x.png").exists()
+    assert not Path("x.gif").exists()
+    with pytest.raises(EcologyError, match="recording"), viewer.complete(Path("mine")):
+        pass
+    assert (path.read_bytes(), set(Path("mine").iterdir())) == before
+
+
 def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """--focus draws an agent's life, and --serve answers clicks with one; who was not there is an error."""
     from ecology.observers import page, readback, screenshot, viewer

@@ -793,6 +793,7 @@ def test_view_says_what_is_wrong(tmp_path, monkeypatch):
     with pytest.raises(EcologyError, match="not a Rerun recording"):
         viewer.view(tmp_path)
     path.write_bytes(b"RRF2" + bytes(60))
+    assert not viewer.joined([path], path)
     monkeypatch.setenv("DISPLAY", ":0")
     with pytest.raises(EcologyError, match="damaged"):
         viewer.view(tmp_path)

@@ -18,6 +18,14 @@ from ecology.observers.viewer import complete
 from ecology.scenario import Scenario
 
 
+def stored(path: Path) -> bool:
+    """Return whether a file, closed, holds a recording: its layout alone is none."""
+    try:
+        return bool(RrdReader(str(path)).recordings())
+    except RuntimeError:
+        return False
+
+
 def recording_id(path: Path) -> str:
     """Return the identity of the recording at `path`."""
     try:
