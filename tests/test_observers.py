@@ -3,6 +3,7 @@
 
 import contextlib
 import dataclasses
+import errno
 import logging
 import pathlib
 import subprocess
@@ -649,6 +650,23 @@ def test_a_film_is_made_of_what_was_recorded(tmp_path, monkeypatch):
         film.film(env.scenario, readback.frames(tmp_path, env.scenario, 61), tmp_path / "other.gif")
     assert not (tmp_path / "other.gif").exists()
 
+    def full(self, target, **_):
+        pathlib.Path(target).write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Image.Image, "save", full)
+    with pytest.raises(EcologyError, match=r"other\.gif' cannot be written: .*No space left"):
+        film.film(env.scenario, frames, tmp_path / "other.gif")
+    assert not (tmp_path / "other.gif").exists()
+    monkeypatch.setattr(ecology.errors.tempfile, "TemporaryFile", refused)
+    with pytest.raises(EcologyError, match=r"cannot be written.*Read-only"):
+        film.film(env.scenario, frames, tmp_path / "other.gif", tell=pytest.fail)
+
+
+def refused(**_):
+    """Refuse to make a file."""
+    raise OSError(errno.EROFS, "Read-only file system")
+
 
 def test_a_mind_without_j_or_numbers_is_recorded(tmp_path):
     """Nothing is drawn of what a learner does not have."""
@@ -846,6 +864,23 @@ def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
     for name, word in (("shown.png", "exists"), ("shown.jpg", r"\.png"), ("nowhere/shown.png", "no folder")):
         with pytest.raises(EcologyError, match=word):
             screenshot.screenshot(tmp_path, tmp_path / name)
+    with monkeypatch.context() as patch:
+        patch.setattr(ecology.errors.tempfile, "TemporaryFile", refused)
+        with pytest.raises(EcologyError, match=r"cannot be written.*Read-only"):
+            screenshot.screenshot(tmp_path, tmp_path / "other.png")
+
+    def full(self, target, **_):
+        if pathlib.Path(target).name == "other.png" and pathlib.Path(target).parent == tmp_path:
+            pathlib.Path(target).write_text("half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        saved(self, target)
+
+    saved = Image.Image.save
+    with monkeypatch.context() as patch:
+        patch.setattr(Image.Image, "save", full)
+        with pytest.raises(EcologyError, match=r"other\.png' cannot be written: .*No space left"):
+            screenshot.screenshot(tmp_path, tmp_path / "other.png")
+    assert not (tmp_path / "other.png").exists()
     client.reports.append("no shader")
     with pytest.raises(EcologyError, match="no shader"):
         screenshot.screenshot(tmp_path, tmp_path / "other.png")
