@@ -864,6 +864,11 @@ def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
     for name, word in (("shown.png", "exists"), ("shown.jpg", r"\.png"), ("nowhere/shown.png", "no folder")):
         with pytest.raises(EcologyError, match=word):
             screenshot.screenshot(tmp_path, tmp_path / name)
+    for tick in (TICKS + 1, 99_999):
+        with pytest.raises(EcologyError, match=f"0 to {TICKS}; got {tick}"):
+            screenshot.screenshot(tmp_path, tmp_path / "other.png", tick=tick)
+    screenshot.screenshot(tmp_path, tmp_path / "last.png", tick=TICKS)
+    assert client.at == [20, TICKS]
     with monkeypatch.context() as patch:
         patch.setattr(ecology.errors.tempfile, "TemporaryFile", refused)
         with pytest.raises(EcologyError, match=r"cannot be written.*Read-only"):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from rerun.chunk import RrdReader
 
 from ecology.errors import EcologyError
@@ -16,6 +17,7 @@ from ecology.observers.frame import Frame
 from ecology.observers.scene import MARKED, STEPS
 from ecology.observers.viewer import complete
 from ecology.scenario import Scenario
+from ecology.spec import require
 
 
 def stored(path: Path) -> bool:
@@ -34,6 +36,18 @@ def recording_id(path: Path) -> str:
         raise EcologyError(
             f"the recording {str(path)!r} is damaged ({error}); move it away to go on with a new one."
         ) from error
+
+
+def span(path: Path) -> tuple[int, int]:
+    """Return the first and the last tick of a recording, a whole file; EcologyError where there is none."""
+    first, last = np.inf, -np.inf
+    for chunk in RrdReader(str(path)).stream().filter(is_static=False):
+        if "tick" not in chunk.timeline_names or not chunk.num_rows:
+            continue
+        ticks = chunk.to_record_batch().column("tick")
+        first, last = min(first, pc.min(ticks).as_py()), max(last, pc.max(ticks).as_py())
+    require(first <= last, f"the recording {str(path)!r} holds no tick; record the run again.")
+    return int(first), int(last)
 
 
 def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: int | None = None) -> list[Frame]:
