@@ -766,6 +766,31 @@ def test_a_killed_recording_opens(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mended.rrd", "recording.rrd"]
 
 
+def test_a_recording_that_is_damaged_inside_is_one_clear_error(tmp_path):
+    """Where a byte was lost or changed, every reader gives what there is, or one EcologyError."""
+    from ecology.observers import readback
+    from ecology.observers.hindsight import Hindsight
+
+    path, rng, refused = tmp_path / "recording.rrd", np.random.default_rng(0), 0
+    live(one(), rerun_observer(path, every=5))
+    data = path.read_bytes()
+    for i in range(24):
+        at, bad = int(rng.integers(3, len(data) - 200)), bytearray(data)
+        bad[at : len(data) if i % 3 == 0 else at + 100] = rng.bytes(100) if i % 3 == 1 else b""
+        path.write_bytes(bad)
+        for look in (
+            lambda source: readback.frames(source, one(), 0),
+            readback.span,
+            lambda s: Hindsight(s, one(), "x"),
+        ):
+            try:
+                with viewer.complete(path) as source:
+                    look(source)
+            except EcologyError:
+                refused += 1
+    assert refused
+
+
 def test_a_viewer_that_is_not_there_stops_nothing(tmp_path, caplog, monkeypatch):
     """A run that streams to nobody goes on at once, and says so once."""
     from ecology.observers import relay
