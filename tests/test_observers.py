@@ -920,6 +920,18 @@ def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
     assert not (tmp_path / "other.png").exists()
 
 
+def test_a_legend_shows_marks_as_they_are_drawn():
+    """Births are rings and deaths crosses without a line; bites and gifts are lines."""
+    handles = {handle.get_label(): handle for handle in picture.Picture(village())._handles()}
+    signs = {word: (handle.get_marker(), handle.get_linestyle()) for word, handle in handles.items() if ":" in word}
+    assert signs == {
+        "ring: born": ("o", "None"),
+        "cross: died": ("x", "None"),
+        "red line: bite": ("None", "-"),
+        "green line: gift": ("None", "-"),
+    }
+
+
 @pytest.mark.parametrize("world", [one, many, village])
 def test_a_picture_shows_the_world(world):
     """`draw` returns pixels, and others once an agent has moved."""

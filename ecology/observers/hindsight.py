@@ -110,7 +110,9 @@ class Hindsight:
             rec.set_sinks(rr.FileSink(str(path)))
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:
-                self._draw(rec, scene, species, serial)
+                last = self._draw(rec, scene, species, serial)
+                if last < self._serials[species][0][-1]:
+                    scene = dataclasses.replace(scene, died={species: last})
             rec.send_blueprint(blueprint(scene))
             rec.flush()
             rec.disconnect()
@@ -130,8 +132,8 @@ class Hindsight:
         )
         return species, int(number)
 
-    def _draw(self, rec: rr.RecordingStream, scene: Scene, name: str, serial: int) -> None:
-        """Draw the life of an agent, and after it a row of nothing."""
+    def _draw(self, rec: rr.RecordingStream, scene: Scene, name: str, serial: int) -> int:
+        """Draw the life of an agent, and after it a row of nothing; return the last recorded tick that it lived."""
         group, who = self._groups[name], f"{name}_{serial}"
         species, entity = scene.scenario.species[group.index], f"{AGENTS}/{name}"
         ticks, serials = self._serials[name]
@@ -176,6 +178,7 @@ class Hindsight:
         Drawing(rec, scene).draw_life(name, species, life)
         if scene.decides[name] and lives.any():
             self._decided(rec, name, who, ticks[row[lives]])
+        return int(ticks[row[lives]][-1] if lives.any() else ticks[row[0]])
 
     def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray) -> None:
         """Write what the agent weighed where it was in focus, and elsewhere that it was not."""
