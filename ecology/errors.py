@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 
 class EcologyError(ValueError):
@@ -20,3 +23,25 @@ def nearest(name: str, known: Iterable[str]) -> str:
     if close:
         return f"Did you mean {' or '.join(repr(word) for word in close)}?"
     return f"Known: {', '.join(words) if words else '(none)'}."
+
+
+@contextlib.contextmanager
+def writable(folder: Path) -> Iterator[None]:
+    """Turn a failure to write into an EcologyError that names the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise EcologyError(
+            f"the folder {str(folder)!r} cannot be written ({error.strerror or error}). Make room, allow writing "
+            "there, or give another."
+        ) from error
+
+
+def check_writable(folder: Path) -> None:
+    """Raise EcologyError unless files can be made in `folder`, or it can be made; nothing is left of the trial."""
+    with writable(folder):
+        there = next(path for path in (folder, *folder.parents) if path.exists())
+        if not there.is_dir():
+            raise EcologyError(f"{str(there)!r} is a file where a folder is to be written; move it away.")
+        with tempfile.TemporaryFile(dir=there):
+            pass

@@ -27,10 +27,9 @@ import agents
 import scenarios
 from agents.base import Transition
 from ecology import Ecology, EcologyError, parallel_env
-from ecology.errors import nearest
+from ecology.errors import nearest, writable
 from scenarios._elsewhere import DRAWN, MARK, MISSING, WORLDS, serve
 from scenarios._plan import versions
-from scenarios._run import writable
 from scenarios._sweep import DPI, write_table
 
 TABLE, FIGURE = "bench.parquet", "bench.png"

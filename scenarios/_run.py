@@ -19,6 +19,7 @@ import agents
 from agents import checkpoint, loop
 from agents.base import DivergedError, Learner
 from ecology import Ecology, EcologyError, Scenario, State, Tick
+from ecology.errors import writable
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
 from scenarios import _faults
@@ -487,17 +488,6 @@ def _room(what: str) -> Iterator[None]:
         if not isinstance(error, (MemoryError, OverflowError)) and not any(word in told.lower() for word in about):
             raise
         raise EcologyError(f"{what} is too large for the memory of this machine ({told}); make it smaller.") from error
-
-
-@contextlib.contextmanager
-def writable(folder: Path) -> Iterator[None]:
-    """Turn a failure to write into an EcologyError that names the folder."""
-    try:
-        yield
-    except OSError as error:
-        raise EcologyError(
-            f"the folder {str(folder)!r} cannot be written ({error.strerror or error}). Make room, or give another."
-        ) from error
 
 
 @contextlib.contextmanager

@@ -29,8 +29,9 @@ from typing import Any
 import numpy as np
 
 from ecology import EcologyError
+from ecology.errors import writable
 from scenarios._plan import CONFIG, Plan, read_config, resolve
-from scenarios._run import SUMMARY, StoppedError, held, opened, replace_text, writable, write_json
+from scenarios._run import SUMMARY, StoppedError, held, opened, replace_text, write_json
 
 TABLE, FIGURE, RUNS = "sweep.parquet", "sweep.png", "runs"  # what the folder of a sweep holds
 LEARNED = "learned_drive"  # key of the summary of a run that was measured after it

@@ -29,7 +29,7 @@ from rich.table import Table
 import agents
 import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
-from ecology.errors import nearest
+from ecology.errors import check_writable, nearest, writable
 from ecology.observers.base import Mind, Observer
 from ecology.observers.wishes import Wishes
 from scenarios import _faults, _run
@@ -545,7 +545,7 @@ def sweep(
     outcomes = [_sweep.Outcome(cell, _sweep.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
-    with _run.writable(out):
+    with writable(out):
         out.mkdir(parents=True, exist_ok=True)
     console, what = Console(stderr=True, quiet=quiet), cells[0].measure.replace("_", " ")
     with _run.held(out), _bar(console, len(cells), len(outcomes)) as show:
@@ -565,7 +565,7 @@ def sweep(
             raise
         finally:
             done = [outcome for outcome in outcomes if outcome.summary is not None]
-            with _run.writable(out):
+            with writable(out):
                 written = _sweep.sum_up(out, done, title=Path(scenario).stem)
             if not quiet:
                 _say_sweep(_sweep.points(done), what)
@@ -657,6 +657,7 @@ def bench(
     learners = [name for name in (learner or _bench.LEARNERS) if name != "none"]
     if (out / _bench.TABLE).exists():
         raise EcologyError(f"the folder {str(out)!r} holds a benchmark; give another with --out.")
+    check_writable(out)  # what cannot be kept is told before the long part
     console = Console(stderr=True, quiet=quiet)
     with _bench.pinned(core) as pinned, console.status("") as status:
         wanted = _bench.points(counts, learners, {name: pythons.get(name, sys.executable) for name in others})
@@ -708,8 +709,10 @@ def evaluate(
     from ecology.observers import recorder
 
     metrics = run / _run.METRICS
+    for folder in (where, where / _run.FIGURES):  # what cannot be kept, or is damaged, is told before the long part
+        check_writable(folder)
     if recorder.sources(metrics):
-        recorder.read(metrics)  # what is damaged is told before the long part
+        recorder.read(metrics)
 
     console = Console(stderr=True, quiet=quiet)
     with console.status("evaluating") as status:
@@ -733,8 +736,9 @@ def evaluate(
             tell=tell,
         )
         tell("figures")
-        drawn = figures.draw(where / _run.FIGURES, world, findings, learner.group.layout.names, metrics)
-        _run.write_json(where / _run.EVALUATION, findings.report)  # last: with it the evaluation is whole
+        with writable(where):
+            drawn = figures.draw(where / _run.FIGURES, world, findings, learner.group.layout.names, metrics)
+            _run.write_json(where / _run.EVALUATION, findings.report)  # last: with it the evaluation is whole
     if not quiet:
         _say_findings(findings.report)
         print(f"written: {where / _run.EVALUATION} and {len(drawn)} figures in {where / _run.FIGURES}")

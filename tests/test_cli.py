@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import http.client
 import json
 import socket
@@ -17,7 +18,7 @@ import pytest
 
 import agents
 import scenarios
-from ecology import EcologyError
+from ecology import EcologyError, errors
 from scenarios import cli
 from scenarios.cli import main
 
@@ -343,7 +344,10 @@ def test_an_evaluation_is_there_when_it_is_whole(
 
     with monkeypatch.context() as patch:
         patch.setattr(figures, "draw", fail)
-        assert "in fail: OSError: no space" in ecology(*evaluate)[2]
+        code, _, err = ecology(*evaluate)
+    assert code == 2
+    assert "'mine' cannot be written (no space)" in err
+    assert "Traceback" not in err
     assert not Path("mine/evaluation.json").exists()
     Path("mine/metrics.parquet").write_bytes(b"PAR1")
     code, _, err = ecology(*evaluate)
@@ -354,6 +358,38 @@ def test_an_evaluation_is_there_when_it_is_whole(
     Path("mine/metrics.parquet").unlink()
     assert ecology(*evaluate)[0] == 0
     assert json.loads(Path("mine/evaluation.json").read_text())["learner"] == "chance"
+
+
+def test_an_evaluation_that_cannot_be_kept_is_not_begun(
+    short: Command, ecology: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file in the place of the figures, and a folder in which no file can be made, are told before the measuring."""
+    from agents import evaluation
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("it was measured")
+
+    assert short("seasons", "--out", "mine")[0] == 0
+    before = set(Path("mine").iterdir())
+    monkeypatch.setattr(evaluation, "evaluate", never)
+    Path("mine/figures").write_text("mine")
+    code, _, err = ecology("evaluate", "mine", "--quiet")
+    assert code == 2
+    assert "'mine/figures' is a file" in err
+    assert "Traceback" not in err
+    assert Path("mine/figures").read_text() == "mine"
+    Path("mine/figures").unlink()
+    monkeypatch.setattr(errors.tempfile, "TemporaryFile", _refused)
+    for more in ((), ("--in", "paper")):
+        code, _, err = ecology("evaluate", "mine", "--quiet", *more)
+        assert code == 2
+        assert "Permission denied" in err
+        assert "Traceback" not in err
+    assert set(Path("mine").iterdir()) == before
+
+
+def _refused(*_: object, **__: object) -> None:
+    raise PermissionError(errno.EACCES, "Permission denied")
 
 
 @pytest.mark.parametrize(("gap", "words"), [(-7.35, "worse than camping"), (0.5, "50% of the way")])
@@ -415,6 +451,30 @@ def test_view_needs_a_recording(ecology: Command, short: Command) -> None:
     code, _, err = ecology("view", "mine")
     assert code == 2
     assert "recording" in err
+
+
+@pytest.mark.parametrize(("size", "end"), [(0, 0), (3, 0), (100, 0), (20_000, 0), (100, 64)])
+def test_a_recording_of_which_nothing_is_left_is_an_error(ecology: Command, size: int, end: int) -> None:
+    """However one looks at a recording that lost its first tick, exit code 2 and one message name it."""
+    from ecology.observers import viewer
+
+    run = ("run", "paper", "--ticks", "20", "--learner", "random", "--out", "mine", "--quiet")
+    assert ecology(*run)[0] == 0
+    path = Path("mine/recording.rrd")
+    data = path.read_bytes()
+    path.write_bytes(data[:size] + data[len(data) - end :])
+    before = path.read_bytes(), set(Path("mine").iterdir())
+    looks = (("view", "mine", "--screenshot", "x.png"), ("view", "mine", "--serve"), ("film", "mine", "x.gif"))
+    for words in looks:
+        code, out, err = ecology(*words)
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert "'mine/recording.rrd'" in err
+    assert not Path("x.png").exists()
+    assert not Path("x.gif").exists()
+    with pytest.raises(EcologyError, match="recording"), viewer.complete(Path("mine")):
+        pass
+    assert (path.read_bytes(), set(Path("mine").iterdir())) == before
 
 
 def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:

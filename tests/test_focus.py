@@ -478,6 +478,28 @@ def test_a_recording_is_shown_with_another_focus(lived, tmp_path):
     assert "/focus/prey/needs" in words
 
 
+def test_a_focus_that_died_is_said_to_be_dead(lived, tmp_path):
+    """The panels of an agent that died name the last recorded tick at which it lived; of one that lives, none."""
+    from rerun.chunk import RrdReader
+
+    path, witness, env = lived
+    past, rows = hindsight(path), env.groups["prey"].slots
+
+    def titles(who):
+        shown = RrdReader(str(past.shown(who, tmp_path / f"{who}.rrd")))
+        layout = shown.stream(store=shown.blueprints()[0])
+        return " ".join(str(column) for chunk in layout for column in chunk.to_record_batch().columns)
+
+    end = witness.states[120]
+    lives = end.serial[rows][end.alive[rows]]
+    dead = next(n for n in witness.states[0].serial[rows] if n >= 0 and n not in lives)
+    last = max(
+        t for t, s in enumerate(witness.states) if t % 2 == 0 and (s.alive[rows] & (s.serial[rows] == dead)).any()
+    )
+    assert f"prey_{dead} (dead after tick {last}): action" in titles(f"prey_{dead}")
+    assert "dead after" not in titles(f"prey_{lives[0]}")
+
+
 def test_a_click_after_the_fact_means_who_was_there(lived):
     """The one that had the slot at the tick that was shown; nobody of what is no agent; nobody unknown."""
     path, witness, env = lived

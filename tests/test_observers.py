@@ -3,6 +3,7 @@
 
 import contextlib
 import dataclasses
+import errno
 import logging
 import pathlib
 import subprocess
@@ -649,6 +650,23 @@ def test_a_film_is_made_of_what_was_recorded(tmp_path, monkeypatch):
         film.film(env.scenario, readback.frames(tmp_path, env.scenario, 61), tmp_path / "other.gif")
     assert not (tmp_path / "other.gif").exists()
 
+    def full(self, target, **_):
+        pathlib.Path(target).write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Image.Image, "save", full)
+    with pytest.raises(EcologyError, match=r"other\.gif' cannot be written: .*No space left"):
+        film.film(env.scenario, frames, tmp_path / "other.gif")
+    assert not (tmp_path / "other.gif").exists()
+    monkeypatch.setattr(ecology.errors.tempfile, "TemporaryFile", refused)
+    with pytest.raises(EcologyError, match=r"cannot be written.*Read-only"):
+        film.film(env.scenario, frames, tmp_path / "other.gif", tell=pytest.fail)
+
+
+def refused(**_):
+    """Refuse to make a file."""
+    raise OSError(errno.EROFS, "Read-only file system")
+
 
 def test_a_mind_without_j_or_numbers_is_recorded(tmp_path):
     """Nothing is drawn of what a learner does not have."""
@@ -748,6 +766,31 @@ def test_a_killed_recording_opens(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mended.rrd", "recording.rrd"]
 
 
+def test_a_recording_that_is_damaged_inside_is_one_clear_error(tmp_path):
+    """Where a byte was lost or changed, every reader gives what there is, or one EcologyError."""
+    from ecology.observers import readback
+    from ecology.observers.hindsight import Hindsight
+
+    path, rng, refused = tmp_path / "recording.rrd", np.random.default_rng(0), 0
+    live(one(), rerun_observer(path, every=5))
+    data = path.read_bytes()
+    for i in range(24):
+        at, bad = int(rng.integers(3, len(data) - 200)), bytearray(data)
+        bad[at : len(data) if i % 3 == 0 else at + 100] = rng.bytes(100) if i % 3 == 1 else b""
+        path.write_bytes(bad)
+        for look in (
+            lambda source: readback.frames(source, one(), 0),
+            readback.span,
+            lambda s: Hindsight(s, one(), "x"),
+        ):
+            try:
+                with viewer.complete(path) as source:
+                    look(source)
+            except EcologyError:
+                refused += 1
+    assert refused
+
+
 def test_a_viewer_that_is_not_there_stops_nothing(tmp_path, caplog, monkeypatch):
     """A run that streams to nobody goes on at once, and says so once."""
     from ecology.observers import relay
@@ -793,6 +836,7 @@ def test_view_says_what_is_wrong(tmp_path, monkeypatch):
     with pytest.raises(EcologyError, match="not a Rerun recording"):
         viewer.view(tmp_path)
     path.write_bytes(b"RRF2" + bytes(60))
+    assert not viewer.joined([path], path)
     monkeypatch.setenv("DISPLAY", ":0")
     with pytest.raises(EcologyError, match="damaged"):
         viewer.view(tmp_path)
@@ -845,6 +889,28 @@ def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
     for name, word in (("shown.png", "exists"), ("shown.jpg", r"\.png"), ("nowhere/shown.png", "no folder")):
         with pytest.raises(EcologyError, match=word):
             screenshot.screenshot(tmp_path, tmp_path / name)
+    for tick in (TICKS + 1, 99_999):
+        with pytest.raises(EcologyError, match=f"0 to {TICKS}; got {tick}"):
+            screenshot.screenshot(tmp_path, tmp_path / "other.png", tick=tick)
+    screenshot.screenshot(tmp_path, tmp_path / "last.png", tick=TICKS)
+    assert client.at == [20, TICKS]
+    with monkeypatch.context() as patch:
+        patch.setattr(ecology.errors.tempfile, "TemporaryFile", refused)
+        with pytest.raises(EcologyError, match=r"cannot be written.*Read-only"):
+            screenshot.screenshot(tmp_path, tmp_path / "other.png")
+
+    def full(self, target, **_):
+        if pathlib.Path(target).name == "other.png" and pathlib.Path(target).parent == tmp_path:
+            pathlib.Path(target).write_text("half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        saved(self, target)
+
+    saved = Image.Image.save
+    with monkeypatch.context() as patch:
+        patch.setattr(Image.Image, "save", full)
+        with pytest.raises(EcologyError, match=r"other\.png' cannot be written: .*No space left"):
+            screenshot.screenshot(tmp_path, tmp_path / "other.png")
+    assert not (tmp_path / "other.png").exists()
     client.reports.append("no shader")
     with pytest.raises(EcologyError, match="no shader"):
         screenshot.screenshot(tmp_path, tmp_path / "other.png")
@@ -852,6 +918,18 @@ def test_a_screenshot_is_a_new_file(tmp_path, monkeypatch):
     with pytest.raises(EcologyError, match="no viewer could be started"):
         screenshot.screenshot(tmp_path, tmp_path / "other.png")
     assert not (tmp_path / "other.png").exists()
+
+
+def test_a_legend_shows_marks_as_they_are_drawn():
+    """Births are rings and deaths crosses without a line; bites and gifts are lines."""
+    handles = {handle.get_label(): handle for handle in picture.Picture(village())._handles()}
+    signs = {word: (handle.get_marker(), handle.get_linestyle()) for word, handle in handles.items() if ":" in word}
+    assert signs == {
+        "ring: born": ("o", "None"),
+        "cross: died": ("x", "None"),
+        "red line: bite": ("None", "-"),
+        "green line: gift": ("None", "-"),
+    }
 
 
 @pytest.mark.parametrize("world", [one, many, village])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 
-from ecology.errors import EcologyError
+from ecology.errors import EcologyError, check_writable
 from ecology.observers.frame import Frame
 from ecology.observers.picture import Picture
 from ecology.scenario import Scenario
@@ -45,7 +46,8 @@ def film(
     try:
         (_gif if target.suffix == ".gif" else _mp4)(target, pictures(), fps)
     except OSError as error:
-        target.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # where nothing can be written, nothing can be taken away
+            target.unlink()
         raise EcologyError(f"the film {str(target)!r} cannot be written: {error}.") from error
 
 
@@ -54,6 +56,7 @@ def check(target: Path, fps: float) -> None:
     require(target.suffix in (".gif", ".mp4"), f"a film is a .gif or an .mp4 file, got {str(target)!r}.")
     require(not target.exists(), f"the file {str(target)!r} exists; choose another name.")
     require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the film; make it first.")
+    check_writable(target.parent)
     require(0 < fps <= 100, f"a film has from 0 to 100 frames per second, got {fps!r}.")
     if target.suffix == ".mp4":
         _encoder()

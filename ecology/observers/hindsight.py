@@ -27,7 +27,7 @@ from ecology.observers.backdrop import open_life
 from ecology.observers.census import HUNGRIEST, Life, without_functions
 from ecology.observers.drawing import Drawing
 from ecology.observers.layout import blueprint
-from ecology.observers.readback import plain, recording_id
+from ecology.observers.readback import chunks, plain, recording_id
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.observers.viewer import merged
 from ecology.observers.wishes import AGENTS, Click
@@ -46,7 +46,7 @@ class Hindsight:
         self._identity = recording_id(recording)
         env = Ecology(scenario)
         self._groups = {name: group for name, group in env.groups.items() if group.size}
-        there = {chunk.entity_path for chunk in RrdReader(str(recording)).stream()}
+        there = {chunk.entity_path for chunk in chunks(recording)}
         self._serials = {name: self._column(f"{AGENTS}/{name}", "serial") for name in self._groups}
         ticks = next(iter(self._serials.values()))[0] if self._groups else np.zeros(1, int)
         require(len(ticks) > 0, f"the recording {str(recording)!r} holds no agent of this scenario.")
@@ -110,7 +110,9 @@ class Hindsight:
             rec.set_sinks(rr.FileSink(str(path)))
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:
-                self._draw(rec, scene, species, serial)
+                last = self._draw(rec, scene, species, serial)
+                if last < self._serials[species][0][-1]:
+                    scene = dataclasses.replace(scene, died={species: last})
             rec.send_blueprint(blueprint(scene))
             rec.flush()
             rec.disconnect()
@@ -130,8 +132,8 @@ class Hindsight:
         )
         return species, int(number)
 
-    def _draw(self, rec: rr.RecordingStream, scene: Scene, name: str, serial: int) -> None:
-        """Draw the life of an agent, and after it a row of nothing."""
+    def _draw(self, rec: rr.RecordingStream, scene: Scene, name: str, serial: int) -> int:
+        """Draw the life of an agent, and after it a row of nothing; return the last recorded tick that it lived."""
         group, who = self._groups[name], f"{name}_{serial}"
         species, entity = scene.scenario.species[group.index], f"{AGENTS}/{name}"
         ticks, serials = self._serials[name]
@@ -176,6 +178,7 @@ class Hindsight:
         Drawing(rec, scene).draw_life(name, species, life)
         if scene.decides[name] and lives.any():
             self._decided(rec, name, who, ticks[row[lives]])
+        return int(ticks[row[lives]][-1] if lives.any() else ticks[row[0]])
 
     def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray) -> None:
         """Write what the agent weighed where it was in focus, and elsewhere that it was not."""
@@ -198,10 +201,8 @@ class Hindsight:
         """Return the numbers that a species' mind reported, by name."""
         found: list[str] = []
         for part in ("losses", "numbers"):
-            for chunk in (
-                RrdReader(str(self._path))
-                .stream()
-                .filter(content=f"/learning/{name}/{part}", components="SeriesLines:names", is_static=True)
+            for chunk in chunks(
+                self._path, content=f"/learning/{name}/{part}", components="SeriesLines:names", is_static=True
             ):
                 found += chunk.to_record_batch().column("SeriesLines:names").to_pylist()[-1]
         return tuple(found)
@@ -231,8 +232,7 @@ class Hindsight:
 
     def _parts(self, entity: str, component: str) -> Iterator[Column]:
         """Give a component chunk by chunk: ticks (n,) and values (n, instances, ...)."""
-        stream = RrdReader(str(self._path)).stream()
-        for chunk in stream.filter(content=entity, components=component, is_static=False):
+        for chunk in chunks(self._path, content=entity, components=component, is_static=False):
             batch = chunk.to_record_batch()
             column = batch.column(component)
             known = column.is_valid().to_numpy(zero_copy_only=False)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from rerun.chunk import RrdReader
 
 from ecology.errors import EcologyError
@@ -16,6 +17,15 @@ from ecology.observers.frame import Frame
 from ecology.observers.scene import MARKED, STEPS
 from ecology.observers.viewer import complete
 from ecology.scenario import Scenario
+from ecology.spec import require
+
+
+def stored(path: Path) -> bool:
+    """Return whether a file, closed, holds a recording: its layout alone is none."""
+    try:
+        return bool(RrdReader(str(path)).recordings())
+    except RuntimeError:
+        return False
 
 
 def recording_id(path: Path) -> str:
@@ -28,6 +38,27 @@ def recording_id(path: Path) -> str:
         ) from error
 
 
+def chunks(path: Path, **which: Any) -> Iterator[Any]:
+    """Give the chunks of a recording, or those that a filter lets through; EcologyError where one cannot be read."""
+    try:
+        stream = RrdReader(str(path)).stream()
+        yield from stream.filter(**which) if which else stream
+    except (RuntimeError, ValueError) as error:
+        raise EcologyError(f"the recording is damaged ({error}); record the run again.") from error
+
+
+def span(path: Path) -> tuple[int, int]:
+    """Return the first and the last tick of a recording, a whole file; EcologyError where there is none."""
+    first, last = np.inf, -np.inf
+    for chunk in chunks(path, is_static=False):
+        if "tick" not in chunk.timeline_names or not chunk.num_rows:
+            continue
+        ticks = chunk.to_record_batch().column("tick")
+        first, last = min(first, pc.min(ticks).as_py()), max(last, pc.max(ticks).as_py())
+    require(first <= last, "the recording is damaged and holds no tick; record the run again.")
+    return int(first), int(last)
+
+
 def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: int | None = None) -> list[Frame]:
     """Return what was recorded of a run (its folder or recording) from the tick `first` to `last`, both included.
 
@@ -36,24 +67,26 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
     from ecology.observers.film import FRAMES  # slow to load
 
     with complete(run) as source:
-        groups, start = [], 0
+        groups: list[tuple[slice, dict[int, Any], dict[int, Any], dict[int, Any]]] = []
+        start = 0
         for species in scenario.species:
-            groups.append((species, slice(start, start + species.slots)))
+            entity, rows = f"/world/agents/{species.name}", slice(start, start + species.slots)
+            level = column(source, entity, "Points2D:class_ids") or column(source, entity, "Arrows2D:class_ids")
+            places, ways = (column(source, entity, name) for name in ("Points2D:positions", "Arrows2D:vectors"))
+            if species.slots:
+                groups.append((rows, places, ways, level))
             start += species.slots
-        known = [column(source, f"/world/agents/{s.name}", "Points2D:positions") for s, rows in groups if s.slots]
-        ticks = np.array(sorted({tick for column in known for tick in column}), int)
+        known = [set(part) for _, *parts in groups for part in parts]  # one cut short may hold a place without heading
+        ticks = np.array(sorted(set.intersection(*known) if known else ()), int)
         ticks = ticks[(ticks >= (first or 0)) & (ticks <= (np.inf if last is None else last))]
         ticks = ticks[-FRAMES:] if first is None else ticks
         shape = (len(ticks), start)
         place, angle, drive = np.full((*shape, 2), np.nan), np.zeros(shape), np.zeros(shape)
         top = colours.highest_drive(scenario)
-        for species, rows in groups:
-            entity = f"/world/agents/{species.name}"
-            parts = [column(source, entity, name) for name in ("Points2D:positions", "Arrows2D:vectors")]
-            level = column(source, entity, "Points2D:class_ids") or column(source, entity, "Arrows2D:class_ids")
-            for i, tick in enumerate(ticks if species.slots else ()):
-                place[i, rows] = np.reshape(parts[0][tick], (-1, 2))
-                way = np.reshape(parts[1][tick], (-1, 2))
+        for rows, places, ways, level in groups:
+            for i, tick in enumerate(ticks):
+                place[i, rows] = np.reshape(places[tick], (-1, 2))
+                way = np.reshape(ways[tick], (-1, 2))
                 angle[i, rows] = np.arctan2(way[:, 1], way[:, 0])
                 drive[i, rows] = np.asarray(level[tick]) * top / (STEPS - 1)
         patches = column(source, "/world/resources", "Ellipses2D:centers")
@@ -82,7 +115,7 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
 def column(path: Path, entity: str, component: str) -> dict[int, Any]:
     """Return the values of a component of a recording by tick, in order; `path` is a whole file."""
     found: dict[int, Any] = {}
-    for chunk in RrdReader(str(path)).stream().filter(content=entity, components=component, is_static=False):
+    for chunk in chunks(path, content=entity, components=component, is_static=False):
         batch = chunk.to_record_batch()
         ticks, values = batch.column("tick").to_pylist(), batch.column(component)
         found |= {tick: plain(values[i].values) for i, tick in enumerate(ticks) if values[i].is_valid}

@@ -44,6 +44,7 @@ class Scene:
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
     chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead
+    died: Mapping[str, int] = field(default_factory=dict)  # species -> last recorded tick of that one, where it died
 
     @property
     def application(self) -> str:
@@ -107,7 +108,8 @@ class Scene:
     def who(self, name: str) -> str:
         """Return what the agent in focus is called in a title: its name, or a word where it can change."""
         if name in self.chosen:
-            return self.chosen[name]
+            dead = f" (dead after tick {self.died[name]})" if name in self.died else ""
+            return self.chosen[name] + dead
         return f"{name} in focus" if self.groups[name].size > 1 or self.grows else self.names[name]
 
 

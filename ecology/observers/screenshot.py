@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 import time
 from pathlib import Path
@@ -9,7 +10,8 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from ecology.errors import EcologyError
+from ecology.errors import EcologyError, check_writable
+from ecology.observers.readback import span
 from ecology.observers.viewer import LOOPBACK, complete, free_port, viewer_process
 from ecology.spec import require
 
@@ -25,17 +27,31 @@ def screenshot(
 
     `tick`: where the cursor stands, the end when None. `size` in logical points; the picture has
     twice as many pixels each way. Needs a Vulkan driver, a software one (Mesa's lavapipe) will do.
-    Raises EcologyError, and writes nothing, where the file exists or the viewer cannot draw.
+    Raises EcologyError, and writes nothing, where the file exists or cannot be written, the recording
+    does not reach `tick`, or the viewer cannot draw.
     """
     target = Path(picture)
     require(target.suffix == ".png", f"a screenshot is a .png file, got {str(target)!r}.")
     require(not target.exists(), f"the file {str(target)!r} exists; choose another name.")
     require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the screenshot; make it first.")
+    check_writable(target.parent)
     with complete(run) as source, tempfile.TemporaryDirectory() as folder:
+        if tick is not None:
+            first, last = span(source)
+            require(
+                first <= tick <= last,
+                f"a screenshot is of a tick that was recorded, {first} to {last}; got {tick}, give one of those.",
+            )
         shown = Path(folder) / target.name
         _shoot(source.resolve(), shown, tick, size)
         with Image.open(shown) as drawn:  # without the window's own bar
-            drawn.crop((0, BAR * drawn.width // size[0], drawn.width, drawn.height)).save(target)
+            cropped = drawn.crop((0, BAR * drawn.width // size[0], drawn.width, drawn.height))
+        try:
+            cropped.save(target)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                target.unlink()
+            raise EcologyError(f"the screenshot {str(target)!r} cannot be written: {error}.") from error
 
 
 def _shoot(source: Path, shown: Path, tick: int | None, size: tuple[int, int]) -> None:

@@ -47,6 +47,7 @@ def complete(run: Path | str) -> Iterator[Path]:
     path = recording_of(Path(run))
     with tempfile.TemporaryDirectory() as folder:
         one = whole(path) and not resumed(path).exists()
+        require(not one or _stored(path), _unreadable(path))  # of a file that holds nothing a viewer shows its own page
         yield path if one else mended(path, Path(folder) / RECORDING)
 
 
@@ -96,10 +97,7 @@ def joined(parts: Sequence[Path], target: Path) -> bool:
 
 def mended(path: Path, target: Path) -> Path:
     """Return a copy, at `target`, of a recording that was cut short, as far as it goes."""
-    require(
-        _tidied(stretches(path), target),
-        f"the recording {str(path)!r} is damaged and nothing of it can be read; record the run again.",
-    )
+    require(_tidied(stretches(path), target), _unreadable(path))
     return target
 
 
@@ -189,6 +187,17 @@ def _started(code: int, said: str) -> None:
     )
 
 
+def _stored(path: Path) -> bool:
+    """Return whether a file, closed, holds a recording."""
+    from ecology.observers.readback import stored  # slow to load
+
+    return stored(path)
+
+
+def _unreadable(path: Path) -> str:
+    return f"the recording {str(path)!r} is damaged and nothing of it can be read; record the run again."
+
+
 def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
     """Write what can be read of `parts` to `target`, optimised in few large chunks; say whether that was anything."""
     unfinished = target.with_suffix(".unfinished.rrd")
@@ -196,7 +205,7 @@ def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
     try:
         patience = TIDYING + sum(part.stat().st_size for part in parts) / PACE
         done = subprocess.run(command, check=False, capture_output=True, timeout=patience, env=_quiet())
-        good = done.returncode == 0 and unfinished.stat().st_size > 0 and whole(unfinished)
+        good = done.returncode == 0 and unfinished.stat().st_size > 0 and whole(unfinished) and _stored(unfinished)
     except (OSError, subprocess.TimeoutExpired):
         good = False
     if good:
