@@ -60,6 +60,7 @@ class Tally:
         self.living = np.zeros((BLOCKS, len(env.groups)), np.int64)  # per block and species, summed over its ticks
         now = [np.count_nonzero(env.state_view.alive[group.slots]) for group in env.groups.values()]
         self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
+        self.gone = np.zeros(len(env.groups), np.int64)  # tick at which the last of a species died, 0 while it lives
         self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
         self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
         self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
@@ -72,7 +73,10 @@ class Tally:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Add one tick."""
         at, alive = state.tick - 1, tick.alive
-        self.now[:] = [np.count_nonzero(alive[group.slots]) for group in self._groups.values()]
+        now = np.array([np.count_nonzero(alive[group.slots]) for group in self._groups.values()])
+        self.gone[(self.now > 0) & (now == 0)] = state.tick
+        self.gone[now > 0] = 0  # newcomers bring a species back
+        self.now[:] = now
         if at == 0:
             self.least[:] = self.most[:] = self.now
         np.minimum(self.least, self.now, out=self.least)
@@ -143,6 +147,7 @@ class Tally:
                 "mean": float(lived_by[i] / self.tick if self.tick else self.now[i]),
                 "least": int(self.least[i]),
                 "most": int(self.most[i]),
+                "died_out": int(self.gone[i]) or None,
                 "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
             }
             lived = self.lived[group.slots].sum()
@@ -166,7 +171,7 @@ class Tally:
             "bodies_put_back": self.returned,
         }
 
-    ARRAYS = ("drive", "living", "now", "least", "most", "births", "causes", "delta", "lived", "actions")
+    ARRAYS = ("drive", "living", "now", "least", "most", "gone", "births", "causes", "delta", "lived", "actions")
     VALUES = ("tick", "span", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -177,6 +182,7 @@ class Tally:
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned, which has only the blocks that have begun."""
+        arrays = {"gone": np.zeros_like(self.gone), **arrays}  # runs that began before it was counted lack it
         for name in self.ARRAYS:
             mine = getattr(self, name)
             mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0

@@ -437,7 +437,8 @@ def _say(folder: Path, summary: Mapping[str, Any]) -> None:
         f"in the last tenth {_figure(last)}. The run is in {folder}"
     )
     for name, of in summary["population"].items() if summary["births"] or summary["deaths"] else ():
-        print(f"{name}: {of['end']} alive, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
+        gone = "" if of["died_out"] is None else f" (died out at tick {of['died_out']:,})"
+        print(f"{name}: {of['end']} alive{gone}, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
     watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
 
