@@ -542,6 +542,7 @@ def sweep(
     )  # fmt: skip
     for cell in cells:
         _sweep.check(cell)
+    _sweep.check_folder(out, cells)
     Run(cells[0].plan, cells[0].folder)  # what no run can live with is told once, and now
     outcomes = [_sweep.Outcome(cell, _sweep.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
@@ -566,8 +567,10 @@ def sweep(
             raise
         finally:
             done = [outcome for outcome in outcomes if outcome.summary is not None]
+            left = [_sweep.Outcome(cell, _sweep.lived(cell)) for cell in cells if _sweep.finished(cell) is None]
+            unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows
             with _run.writable(out):
-                written = _sweep.sum_up(out, done, title=Path(scenario).stem)
+                written = _sweep.sum_up(out, [*done, *unmeasured], title=Path(scenario).stem)
             if not quiet:
                 _say_sweep(_sweep.points(done), what)
                 print(
