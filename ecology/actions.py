@@ -31,9 +31,9 @@ class ActionTable:
     reach: Floats  # (A,)
     chance: Floats  # (A,) of a bite, per unit of time
     gain: Floats  # (A, V) of a bite, units
-    damage: Floats  # (A, V) of a bite, units by the columns of the bitten; NaN: it kills
+    damage: Floats  # (A, W) of a bite, units by the columns of the bitten, W the most needs there are; NaN: it kills
     gives: Floats  # (A, V) per unit of time
-    arrives: Floats  # (A, V, V) share of what is given of a need (row) that the receiver gets of one (column)
+    arrives: Floats  # (A, V, W) share of what is given of a need (row) that the receiver gets of one (column)
     duration: Floats  # (A,)
     opens_from: Floats  # (A, V)
     closes_at: Floats  # (A, V)
@@ -53,8 +53,9 @@ def compile_actions(
     control = np.zeros((len(acts), width))
     opens_from = np.full((len(acts), width), -np.inf)
     closes_at = np.full((len(acts), width), np.inf)
-    gain, gives, damage = np.zeros((3, len(acts), width))
-    arrives = np.zeros((len(acts), width, width))
+    theirs = max(width, *(len(s.needs) for s in everyone))  # who is met may have more needs
+    gain, gives = np.zeros((2, len(acts), width))
+    damage, arrives = np.zeros((len(acts), theirs)), np.zeros((len(acts), width, theirs))
     for i, action in enumerate(acts):
         for name, value in action.control.items():
             control[i, column[name]] = value
