@@ -23,7 +23,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
+import typer.core
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 import agents
@@ -796,10 +798,22 @@ def _say_findings(report: Mapping[str, Any]) -> None:
 # ---- reproduce -------------------------------------------------------------------------------
 
 
-@app.command()
+class _Reproduce(typer.core.TyperCommand):
+    """Tells the names of the results below its help: they are slow to load, and no other command waits for them."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help, and below it the names."""
+        from scenarios import _reproduce
+
+        lines = [f"{case.name}: {case.about}" for case in _reproduce.cases().values()]
+        self.epilog = "\n\n".join(["The results, by NAME:", *map(escape, lines)])
+        super().format_help(ctx, formatter)
+
+
+@app.command(cls=_Reproduce)
 def reproduce(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results.", show_default="all")
+        list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results, listed below.", show_default="all")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,

@@ -70,6 +70,17 @@ def test_help_shows_defaults_that_depend_on_others(ecology: Command, monkeypatch
             assert f"[default: ({default})]" in out
 
 
+def test_the_help_of_reproduce_names_every_result(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What can be reproduced is read without starting it."""
+    from scenarios import _reproduce
+
+    monkeypatch.setenv("COLUMNS", "160")
+    code, out, _ = ecology("reproduce", "--help")
+    assert code == 0
+    for case in _reproduce.cases().values():
+        assert f"{case.name}: {case.about}" in out
+
+
 def test_the_command_line_is_quick_to_start() -> None:
     """Asking for the list loads neither torch nor rerun nor matplotlib."""
     code = (
