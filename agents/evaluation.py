@@ -599,6 +599,7 @@ def evaluate(
         "seed": seed,
         "ticks": ticks,
         "skip": skip,
+        "places": places,
         "epsilon": EPSILON,
         "mean_drive": drives,
         "closed_gap": closed_gap(drives),

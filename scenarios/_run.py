@@ -472,6 +472,25 @@ def write_json(path: Path, value: Any) -> None:
     replace_text(path, json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
 
 
+def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
+    """Raise EcologyError where `folder` holds an evaluation that was made with other `words`, keys of its report."""
+    path, mine = folder / EVALUATION, json.loads(json.dumps(_finite(words)))
+    then = f"give --again to replace it, or move {EVALUATION} and {FIGURES}/ away to keep it."
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        differ = [
+            f"{key} {told.get(key)!r} instead of {value!r}" for key, value in mine.items() if told.get(key) != value
+        ]
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, AttributeError) as error:
+        raise EcologyError(f"the evaluation {str(path)!r} cannot be read ({error}); {then}") from error
+    if differ:
+        raise EcologyError(
+            f"the folder {str(folder)!r} holds an evaluation that was made with {', '.join(differ)}; {then}"
+        )
+
+
 def replace_text(path: Path, text: str) -> None:
     """Write `text` in the place of the file at `path`, which is there whole at any time."""
     beside = path.with_name(path.name + ".new")

@@ -701,15 +701,23 @@ def evaluate(
     device: Annotated[
         str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where the learner computes.")
     ] = "cpu",  # one agent at a time: elsewhere it takes longer
+    again: Annotated[
+        bool, typer.Option("--again", help="Replace an evaluation that was made with other words.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
     it = _run.opened(run, device=device)
-    world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
-    it.restore()
     learner = it.learners[species or next(iter(it.learners))]
+    world, where = _elsewhere(it, learner.group.name, in_, set_ or ())
+    seed = it.plan.seed + EVALUATION_SEED if seed is None else seed
+    if not again:
+        words: dict[str, Any] = {"scenario": world.name, "settings": dict(world.settings)}
+        words |= {"species": learner.group.name, "device": device, "seed": seed, "ticks": ticks, "places": places}
+        _run.check_evaluation(where, words)
+    it.restore()
     from agents import evaluation, figures  # slow to load
     from ecology.observers import recorder
 
@@ -729,7 +737,7 @@ def evaluate(
         findings = evaluation.evaluate(
             world,
             learner,
-            it.plan.seed + EVALUATION_SEED if seed is None else seed,
+            seed,
             ticks=ticks,
             skip=min(SKIPPED, ticks // 10),
             places=places,
@@ -746,15 +754,19 @@ def evaluate(
         print(f"written: {where / _run.EVALUATION} and {len(drawn)} figures in {where / _run.FIGURES}")
 
 
-def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
-    """Return the world to measure a run's learner in, and the folder for what is found: the run's own, or another."""
-    if scenario is None and not changes:
-        return it.scenario, it.folder
-    own = {} if scenario is not None else it.plan.settings
-    scenario = scenario or it.plan.scenario
-    world = scenarios.load(scenario, **{**own, **dict(map(_setting, changes))})
-    label = "-".join(["in", Path(scenario).stem, *changes])
-    return world, it.folder / re.sub(r"[^\w=.-]+", "_", label)
+def _elsewhere(it: Run, species: str, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
+    """Return the world to measure the learner of a species in, and the folder for what is found.
+
+    That is the run's own for its first species in its own world, and else one within it, named for what is another.
+    """
+    words = [] if species == next(iter(it.learners)) else ["of", species]
+    world = it.scenario
+    if scenario is not None or changes:
+        own = {} if scenario is not None else it.plan.settings
+        scenario = scenario or it.plan.scenario
+        world = scenarios.load(scenario, **{**own, **dict(map(_setting, changes))})
+        words += ["in", Path(scenario).stem, *changes]
+    return world, it.folder / re.sub(r"[^\w=.-]+", "_", "-".join(words))
 
 
 def _say_findings(report: Mapping[str, Any]) -> None:
