@@ -195,9 +195,9 @@ def check_folder(out: Path, cells: Sequence[Cell]) -> None:
     if left_out:
         more = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
         raise EcologyError(
-            f"the folder {str(out)!r} holds a sweep of {len(rows)} runs, {len(left_out)} of which are not of this one: "
-            f"{', '.join(left_out[:3])}{more}. Give another --out, or all that it was told, with more seeds or values "
-            "if you like, to go on with it."
+            f"the folder {str(out)!r} holds a sweep of {len(rows)} runs, {len(left_out)} of which this one leaves out: "
+            f"{', '.join(left_out[:3])}{more}. Give another --out; to go on with that sweep, give all its settings and "
+            "seeds, or more."
         )
 
 

@@ -221,11 +221,11 @@ def test_a_table_loses_no_row(sweep: Sweep, quick: list[str]) -> None:
         assert "'" + str(Path("out").absolute()) + "' holds a sweep of 8 runs" in err
         assert "Give another --out" in err
         assert {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()} == before
-    assert "4 of which are not of this one: " in sweep(*words, "--seeds", "0:1")[2]
+    assert "4 of which this one leaves out: " in sweep(*words, "--seeds", "0:1")[2]
     shutil.rmtree("out/runs")  # the table alone is left: the same sweep is lived again, another is refused
     code, _, err = sweep(*words, "--seeds", "0:2", "--ticks", "30")
     assert code == 2
-    assert "8 of which are not of this one: " in err
+    assert "8 of which this one leaves out: " in err
     del quick[:]
     assert sweep("--set", "decay=0.01,0.05,0.1", words[2], words[3], "--seeds", "0:3")[0] == 0
     assert len(quick) == len(rows()["run"]) == 18
