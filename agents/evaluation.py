@@ -43,7 +43,7 @@ LONGEST = 2000  # ticks of a movement
 ABOUT: Mapping[str, str] = {
     "mean_drive": "mean of the drive over ticks `skip` to `ticks` of a life from birth, no learning, for the "
     "learner (epsilon 0.05) and for each baseline in the same world; `low` and `high` bound the 95 % "
-    "interval of a bootstrap over blocks of 500 ticks, `blocks` how many there were",
+    "interval of a bootstrap over blocks of 500 ticks, `blocks` how many there were; of fewer than 2 there is none",
     "closed_gap": "(camping - learned) / (camping - planner) of the mean drives: 0 is no better than "
     "camping, 1 as good as the planner",
     "action_shares": "share of the ticks of the learner's life above that each action took",
@@ -177,11 +177,13 @@ def drive_series(life: Life, skip: int) -> Floats:
 
 
 def interval(series: Floats, seed: int = 0) -> dict[str, float | int | None]:
-    """Return the mean of a series of ticks with its bootstrap interval over blocks of 500."""
+    """Return the mean of a series of ticks with its bootstrap interval over blocks of 500, None of fewer than two."""
     if not len(series):
         return {"mean": None, "low": None, "high": None, "blocks": 0}
     blocks = np.array([block.mean() for block in np.array_split(series, max(1, round(len(series) / BLOCK)))])
     mean = low = high = float(np.mean(series))
+    if len(blocks) < 2:
+        return {"mean": mean, "low": None, "high": None, "blocks": len(blocks)}
     if np.ptp(blocks) > 1e-12:
         found = stats.bootstrap(
             (blocks,),
@@ -597,6 +599,7 @@ def evaluate(
         "seed": seed,
         "ticks": ticks,
         "skip": skip,
+        "places": places,
         "epsilon": EPSILON,
         "mean_drive": drives,
         "closed_gap": closed_gap(drives),

@@ -176,14 +176,16 @@ def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Fig
     rows = sorted((d["mean"], name) for name, d in drives.items() if d["mean"] is not None)
     figure = Figure(figsize=(8, 0.55 * len(rows) + 1.6), layout="constrained")
     ax = figure.add_subplot()
+    end = [mean if drives[name]["high"] is None else drives[name]["high"] for mean, name in rows]
     for i, (mean, name) in enumerate(rows):
         d = drives[name]
         ax.barh(i, mean, color=LEARNED if name == "learned" else "#BBBBBB", height=0.65)
-        ax.errorbar(mean, i, xerr=[[mean - d["low"]], [d["high"] - mean]], color=INK, capsize=4, linewidth=1.3)
-        ax.text(d["high"], i, f"  {mean:.2f}", va="center", fontsize=9)
+        if d["low"] is not None:
+            ax.errorbar(mean, i, xerr=[[mean - d["low"]], [d["high"] - mean]], color=INK, capsize=4, linewidth=1.3)
+        ax.text(end[i], i, f"  {mean:.2f}", va="center", fontsize=9)
     ax.set_yticks(range(len(rows)), [name for _, name in rows])
     ax.invert_yaxis()
-    ax.set_xlim(0, 1.12 * max(drives[name]["high"] for _, name in rows))
+    ax.set_xlim(0, 1.12 * max(end, default=1.0))
     ax.set_xlabel("mean drive, drive units (less is better); 95 % interval")
     title = "Mean drive on the same world"
     ax.set_title(title if gap is None else f"{title}; {gap:.0%} of the way from camping to planner", fontsize=11)

@@ -61,6 +61,7 @@ class Tally:
         self.living = np.zeros((BLOCKS, len(env.groups)), np.int64)  # per block and species, summed over its ticks
         now = [np.count_nonzero(env.state_view.alive[group.slots]) for group in env.groups.values()]
         self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
+        self.gone = np.zeros(len(env.groups), np.int64)  # tick at which the last of a species died, 0 while it lives
         self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
         self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
         self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
@@ -73,7 +74,10 @@ class Tally:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Add one tick."""
         at, alive = state.tick - 1, tick.alive
-        self.now[:] = [np.count_nonzero(alive[group.slots]) for group in self._groups.values()]
+        now = np.array([np.count_nonzero(alive[group.slots]) for group in self._groups.values()])
+        self.gone[(self.now > 0) & (now == 0)] = state.tick
+        self.gone[now > 0] = 0  # newcomers bring a species back
+        self.now[:] = now
         if at == 0:
             self.least[:] = self.most[:] = self.now
         np.minimum(self.least, self.now, out=self.least)
@@ -144,6 +148,7 @@ class Tally:
                 "mean": float(lived_by[i] / self.tick if self.tick else self.now[i]),
                 "least": int(self.least[i]),
                 "most": int(self.most[i]),
+                "died_out": int(self.gone[i]) or None,
                 "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
             }
             lived = self.lived[group.slots].sum()
@@ -167,7 +172,7 @@ class Tally:
             "bodies_put_back": self.returned,
         }
 
-    ARRAYS = ("drive", "living", "now", "least", "most", "births", "causes", "delta", "lived", "actions")
+    ARRAYS = ("drive", "living", "now", "least", "most", "gone", "births", "causes", "delta", "lived", "actions")
     VALUES = ("tick", "span", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -178,6 +183,7 @@ class Tally:
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned, which has only the blocks that have begun."""
+        arrays = {"gone": np.zeros_like(self.gone), **arrays}  # runs that began before it was counted lack it
         for name in self.ARRAYS:
             mine = getattr(self, name)
             mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
@@ -465,6 +471,25 @@ class Run:
 def write_json(path: Path, value: Any) -> None:
     """Write `value` as JSON in the place of the file at `path`; what is not finite becomes null."""
     replace_text(path, json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
+
+
+def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
+    """Raise EcologyError where `folder` holds an evaluation that was made with other `words`, keys of its report."""
+    path, mine = folder / EVALUATION, json.loads(json.dumps(_finite(words)))
+    then = f"give --again to replace it, or move {EVALUATION} and {FIGURES}/ away to keep it."
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        differ = [
+            f"{key} {told.get(key)!r} instead of {value!r}" for key, value in mine.items() if told.get(key) != value
+        ]
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, AttributeError) as error:
+        raise EcologyError(f"the evaluation {str(path)!r} cannot be read ({error}); {then}") from error
+    if differ:
+        raise EcologyError(
+            f"the folder {str(folder)!r} holds an evaluation that was made with {', '.join(differ)}; {then}"
+        )
 
 
 def replace_text(path: Path, text: str) -> None:

@@ -146,8 +146,13 @@ def _name(varied: Mapping[str, Any], seed: int) -> str:
 
 def finished(cell: Cell) -> dict[str, Any] | None:
     """Return the summary of a run that has come to its end, and is measured if it is to be; else None."""
-    told = _lived_to(cell.folder, cell.plan.ticks)
+    told = lived(cell)
     return told if told is not None and cell.measure in told else None
+
+
+def lived(cell: Cell) -> dict[str, Any] | None:
+    """Return the summary of a run that has come to its end, measured or not; else None."""
+    return _lived_to(cell.folder, cell.plan.ticks)
 
 
 def _lived_to(folder: Path, ticks: int) -> dict[str, Any] | None:
@@ -177,6 +182,49 @@ def check(cell: Cell) -> None:
             f"the folder {str(cell.folder)!r} holds a run of another sweep: it differs in {' and '.join(differ)}. "
             "Give another --out."
         )
+
+
+def check_folder(out: Path, cells: Sequence[Cell]) -> None:
+    """Raise EcologyError where `out` holds a run, or the table of a sweep with runs that are not among `cells`."""
+    if (out / CONFIG).exists():
+        raise EcologyError(
+            f"the folder {str(out)!r} holds a run, and a sweep needs one of its own; give another --out."
+        )
+    rows = _rows(out / TABLE)
+    mine = {cell.name: cell for cell in cells}
+    left_out = [row["run"] for row in rows if row["run"] not in mine or not _is_of(row, mine[row["run"]])]
+    if left_out:
+        more = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
+        raise EcologyError(
+            f"the folder {str(out)!r} holds a sweep of {len(rows)} runs, {len(left_out)} of which this one leaves out: "
+            f"{', '.join(left_out[:3])}{more}. Give another --out; to go on with that sweep, give all its settings and "
+            "seeds, or more."
+        )
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of the table at `path`, none where it is not there."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if not path.exists():
+        return []
+    try:
+        rows = pq.read_table(path).to_pylist()
+    except (OSError, pa.ArrowException) as error:
+        raise EcologyError(f"the table {str(path)!r} cannot be read; move it away, or give another --out.") from error
+    if any("run" not in row for row in rows):
+        raise EcologyError(f"the table {str(path)!r} is of no sweep; move it away, or give another --out.")
+    return rows
+
+
+def _is_of(told: Mapping[str, Any], cell: Cell) -> bool:
+    """Return whether a row of the table is of `cell`; where its folder is, `check` has compared that."""
+    if (cell.folder / CONFIG).exists():
+        return True
+    mine = row(cell, {})
+    plain = json.loads(json.dumps(mine, default=str))  # as a table holds it: lists for tuples
+    return all(told.get(key, plain[key]) in (plain[key], str(mine[key])) for key in mine)
 
 
 # ---- living it ---------------------------------------------------------------------------------

@@ -23,7 +23,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
+import typer.core
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 import agents
@@ -437,7 +439,8 @@ def _say(folder: Path, summary: Mapping[str, Any]) -> None:
         f"in the last tenth {_figure(last)}. The run is in {folder}"
     )
     for name, of in summary["population"].items() if summary["births"] or summary["deaths"] else ():
-        print(f"{name}: {of['end']} alive, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
+        gone = "" if of["died_out"] is None else f" (died out at tick {of['died_out']:,})"
+        print(f"{name}: {of['end']} alive{gone}, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
     watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
 
@@ -541,6 +544,7 @@ def sweep(
     )  # fmt: skip
     for cell in cells:
         _sweep.check(cell)
+    _sweep.check_folder(out, cells)
     Run(cells[0].plan, cells[0].folder)  # what no run can live with is told once, and now
     outcomes = [_sweep.Outcome(cell, _sweep.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
@@ -565,8 +569,10 @@ def sweep(
             raise
         finally:
             done = [outcome for outcome in outcomes if outcome.summary is not None]
+            left = [_sweep.Outcome(cell, _sweep.lived(cell)) for cell in cells if _sweep.finished(cell) is None]
+            unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows
             with writable(out):
-                written = _sweep.sum_up(out, done, title=Path(scenario).stem)
+                written = _sweep.sum_up(out, [*done, *unmeasured], title=Path(scenario).stem)
             if not quiet:
                 _say_sweep(_sweep.points(done), what)
                 print(
@@ -696,15 +702,23 @@ def evaluate(
     device: Annotated[
         str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where the learner computes.")
     ] = "cpu",  # one agent at a time: elsewhere it takes longer
+    again: Annotated[
+        bool, typer.Option("--again", help="Replace an evaluation that was made with other words.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure a run's learner against baselines; write evaluation.json and figures."""
     it = _run.opened(run, device=device)
-    world, where = _elsewhere(it, in_, set_ or ())
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
-    it.restore()
     learner = it.learners[species or next(iter(it.learners))]
+    world, where = _elsewhere(it, learner.group.name, in_, set_ or ())
+    seed = it.plan.seed + EVALUATION_SEED if seed is None else seed
+    if not again:
+        words: dict[str, Any] = {"scenario": world.name, "settings": dict(world.settings)}
+        words |= {"species": learner.group.name, "device": device, "seed": seed, "ticks": ticks, "places": places}
+        _run.check_evaluation(where, words)
+    it.restore()
     from agents import evaluation, figures  # slow to load
     from ecology.observers import recorder
 
@@ -726,7 +740,7 @@ def evaluate(
         findings = evaluation.evaluate(
             world,
             learner,
-            it.plan.seed + EVALUATION_SEED if seed is None else seed,
+            seed,
             ticks=ticks,
             skip=min(SKIPPED, ticks // 10),
             places=places,
@@ -744,15 +758,19 @@ def evaluate(
         print(f"written: {where / _run.EVALUATION} and {len(drawn)} figures in {where / _run.FIGURES}")
 
 
-def _elsewhere(it: Run, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
-    """Return the world to measure a run's learner in, and the folder for what is found: the run's own, or another."""
-    if scenario is None and not changes:
-        return it.scenario, it.folder
-    own = {} if scenario is not None else it.plan.settings
-    scenario = scenario or it.plan.scenario
-    world = scenarios.load(scenario, **{**own, **dict(map(_setting, changes))})
-    label = "-".join(["in", Path(scenario).stem, *changes])
-    return world, it.folder / re.sub(r"[^\w=.-]+", "_", label)
+def _elsewhere(it: Run, species: str, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
+    """Return the world to measure the learner of a species in, and the folder for what is found.
+
+    That is the run's own for its first species in its own world, and else one within it, named for what is another.
+    """
+    words = [] if species == next(iter(it.learners)) else ["of", species]
+    world = it.scenario
+    if scenario is not None or changes:
+        own = {} if scenario is not None else it.plan.settings
+        scenario = scenario or it.plan.scenario
+        world = scenarios.load(scenario, **{**own, **dict(map(_setting, changes))})
+        words += ["in", Path(scenario).stem, *changes]
+    return world, it.folder / re.sub(r"[^\w=.-]+", "_", "-".join(words))
 
 
 def _say_findings(report: Mapping[str, Any]) -> None:
@@ -796,10 +814,22 @@ def _say_findings(report: Mapping[str, Any]) -> None:
 # ---- reproduce -------------------------------------------------------------------------------
 
 
-@app.command()
+class _Reproduce(typer.core.TyperCommand):
+    """Tells the names of the results below its help: they are slow to load, and no other command waits for them."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help, and below it the names."""
+        from scenarios import _reproduce
+
+        lines = [f"{case.name}: {case.about}" for case in _reproduce.cases().values()]
+        self.epilog = "\n\n".join(["The results, by NAME:", *map(escape, lines)])
+        super().format_help(ctx, formatter)
+
+
+@app.command(cls=_Reproduce)
 def reproduce(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results.", show_default="all")
+        list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results, listed below.", show_default="all")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,

@@ -71,6 +71,17 @@ def test_help_shows_defaults_that_depend_on_others(ecology: Command, monkeypatch
             assert f"[default: ({default})]" in out
 
 
+def test_the_help_of_reproduce_names_every_result(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What can be reproduced is read without starting it."""
+    from scenarios import _reproduce
+
+    monkeypatch.setenv("COLUMNS", "160")
+    code, out, _ = ecology("reproduce", "--help")
+    assert code == 0
+    for case in _reproduce.cases().values():
+        assert f"{case.name}: {case.about}" in out
+
+
 def test_the_command_line_is_quick_to_start() -> None:
     """Asking for the list loads neither torch nor rerun nor matplotlib."""
     code = (
@@ -326,6 +337,62 @@ def test_evaluate_measures_and_draws(short: Command, ecology: Command) -> None:
     code, _, err = ecology("evaluate", "mine", "--species", "agnt")
     assert code == 2
     assert "'agent'" in err
+
+
+def test_an_evaluation_is_replaced_by_its_like_alone(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other ticks, places, seeds and devices are refused, with what is there; --again and the same words replace it."""
+    monkeypatch.setattr("agents.evaluation.BASELINES", ())
+    run = ("run", "predator_prey", "--ticks", "30", "--learner", "random", "--no-record", "--quiet", "--out", "mine")
+    assert ecology(*run, "--set", "prey=3", "--set", "predators=2")[0] == 0
+    evaluate = ("evaluate", "mine", "--quiet", "--places", "1", "--ticks")
+    assert ecology(*evaluate, "50") == (0, "", "")
+
+    def files() -> dict[Path, bytes]:
+        return {path: path.read_bytes() for path in Path("mine").rglob("*") if path.is_file()}
+
+    before = files()
+    for words, told in (
+        (("40",), "ticks 50 instead of 40"),
+        (("50", "--places", "2"), "places 1 instead of 2"),
+        (("50", "--seed", "7", "--ticks", "60"), "seed 1000 instead of 7, ticks 50 instead of 60"),
+    ):
+        code, _, err = ecology(*evaluate, *words)
+        assert code == 2
+        assert f"the folder 'mine' holds an evaluation that was made with {told}; give --again" in err
+        assert files() == before
+    Path("mine/evaluation.json").write_text(before[Path("mine/evaluation.json")].decode().replace('"cpu"', '"cuda"'))
+    assert "made with device 'cuda' instead of 'cpu'; " in ecology(*evaluate, "50")[2]
+    Path("mine/evaluation.json").write_bytes(before[Path("mine/evaluation.json")])
+    assert ecology(*evaluate, "50") == (0, "", "")
+    assert ecology(*evaluate, "40", "--again") == (0, "", "")
+    assert json.loads(Path("mine/evaluation.json").read_text())["ticks"] == 40
+    Path("mine/evaluation.json").write_text("[]")
+    assert "cannot be read" in ecology(*evaluate, "40")[2]
+    assert Path("mine/evaluation.json").read_text() == "[]"
+
+
+def test_every_species_has_an_evaluation_of_its_own(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of a species other than the first lies in a folder of its name within the run's, in every world."""
+    monkeypatch.setattr("agents.evaluation.BASELINES", ())
+    run = ("run", "predator_prey", "--ticks", "30", "--learner", "random", "--no-record", "--quiet", "--out", "mine")
+    assert ecology(*run, "--set", "prey=3", "--set", "predators=2")[0] == 0
+    evaluate = ("evaluate", "mine", "--quiet", "--places", "1", "--ticks", "50")
+    for words, folder, species in (
+        ((), "mine", "prey"),
+        (("--species", "prey"), "mine", "prey"),
+        (("--species", "predator"), "mine/of-predator", "predator"),
+        (
+            ("--species", "predator", "--set", "wound=1.0"),
+            "mine/of-predator-in-predator_prey-wound=1.0",
+            "predator",
+        ),
+    ):
+        assert ecology(*evaluate, *words) == (0, "", "")
+        assert json.loads(Path(folder, "evaluation.json").read_text())["species"] == species
+        assert Path(folder, "figures").is_dir()
+    assert {path.parent.name for path in Path("mine").rglob("evaluation.json")} == {
+        "mine", "of-predator", "of-predator-in-predator_prey-wound=1.0",
+    }  # fmt: skip
 
 
 def test_an_evaluation_is_there_when_it_is_whole(

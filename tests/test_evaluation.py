@@ -89,6 +89,15 @@ def test_interval_of_what_does_not_vary_is_a_point():
     assert interval(np.zeros(0))["mean"] is None
 
 
+def test_one_block_has_a_mean_and_no_interval():
+    """Fewer than two blocks say nothing of the spread: the interval is null, and its bar is drawn without one."""
+    series = np.random.default_rng(0).normal(3, 1, 700)
+    assert interval(series) == {"mean": pytest.approx(series.mean()), "low": None, "high": None, "blocks": 1}
+    (axis,) = figures.baselines({"learned": interval(series), "rest": interval(np.full(900, 2.0))}, None).axes
+    assert len(axis.patches) == 2
+    assert len(axis.containers) == 2 + 1  # the bars, and one with an interval
+
+
 def test_discounted_drive_of_an_exponential():
     """-ln(gamma) int gamma^s e^(-k s) ds = -ln(gamma) / (k - ln(gamma)); of a constant, the constant."""
     gamma, k, dt = 0.99, 0.02, 0.1

@@ -377,6 +377,7 @@ def test_a_fork_and_an_evaluation_compute_where_they_are_told(
     assert "on cpu" in type_("evaluate", "other", "--ticks", "30", "--places", "1")
     assert set(asked) == {"cpu"}
     assert json.loads(Path("other/evaluation.json").read_text())["device"] == "cpu"
-    assert "on cuda" in type_("evaluate", "other", "--ticks", "30", "--places", "1", "--device", "cuda")
+    words = ("evaluate", "other", "--ticks", "30", "--places", "1", "--device", "cuda")
+    assert "on cuda" in type_(*words, "--again")
     assert asked[0] == "cuda"
     assert json.loads(Path("other/evaluation.json").read_text())["device"] == "cuda"

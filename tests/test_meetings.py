@@ -7,7 +7,9 @@ import pytest
 from worlds import BAY, ask, kind, square, start
 
 import ecology
+import scenarios
 from ecology import Arena, Crowding, EcologyError, Need, Outcome, act, bite, give, meetings, move
+from ecology.actions import compile_actions
 from ecology.state import CAUSES
 
 
@@ -48,6 +50,17 @@ def test_reach_is_between_the_centres(distance, open_):
     """One is bitten up to the reach, that included."""
     env = start(wolves(), position=[[3.0, 4.0], [3.0 + distance, 4.0]])
     assert opened(env, "bite_sheep") == [open_]
+
+
+def test_damage_has_the_columns_of_the_bitten():
+    """The table of a biter, as wide as its own needs, tells what it does to one who has more."""
+    scenario = scenarios.load("predator_prey", wound=0.25)
+    prey, predator = scenario.species
+    assert len(predator.needs) < len(prey.needs)
+    table = compile_actions(predator, scenario.resources, len(predator.needs), scenario.species)
+    hurt = [need.name for need in prey.needs].index("health")
+    assert table.control.shape[1] == len(predator.needs)
+    assert table.damage[table.bites, hurt].tolist() == [0.25]
 
 
 def test_a_wall_between_protects():

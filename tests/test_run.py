@@ -13,6 +13,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,39 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
     assert (again.tally.span, len(again.tally.drive), again.tally.state()[0]["drive"].shape) == (16, 16, (10,))
     assert again.tally.mean_drive(152) == pytest.approx(again.tally.mean_drive(144))  # half of the last block
     assert again.tally.mean_drive(160) is None
+
+
+def test_a_species_that_died_out_is_told_with_its_tick(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The tick after which none of a species lived is told, also by a run that went on; where some live it is null."""
+    text = CROWD.replace("Arena,", "Arena, Hazard,").replace("radius=0.2)", "radius=0.2, hazard=Hazard(rate=0.05))")
+    (tmp_path / "dying.py").write_text(text)
+    words = ("run", str(tmp_path / "dying.py"), "--learner", "random", "--no-record")
+    cli(*words, "--ticks", "20", "--out", str(tmp_path / "parts"))
+    assert "died out" not in capsys.readouterr().out
+
+    def told(folder: str) -> dict[str, Any]:
+        return json.loads((tmp_path / folder / "summary.json").read_text())["population"]["crowd"]
+
+    assert told("parts")["end"] > 0
+    assert told("parts")["died_out"] is None
+    cli(*words, "--ticks", "1500", "--out", str(tmp_path / "whole"))
+    died_out = told("whole")["died_out"]
+    assert f"crowd: 0 alive (died out at tick {died_out:,}), " in capsys.readouterr().out
+    for ticks in (died_out - 1, died_out, 1500):
+        cli("run", "--resume", str(tmp_path / "parts"), "--ticks", str(ticks), "--quiet")
+        assert told("parts")["end"] == (ticks < died_out)
+        assert told("parts")["died_out"] == (None if ticks < died_out else died_out)
+    assert told("parts") == told("whole")
+
+
+def test_a_species_that_came_back_has_not_died_out(crowd: Callable[..., Run]) -> None:
+    """Only the last death counts: newcomers undo it, and one who never lived has not died."""
+    run = crowd("out", 10)
+    tally, tick, state = run.tally, run.tick, run.env.state_view
+    for at, living in enumerate((12, 0, 0, 3, 0, 0), start=1):
+        alive = np.arange(12) < living
+        tally.watch(replace(state, tick=at), replace(tick, alive=alive), {})
+        assert tally.gone.tolist() == [{2: 2, 3: 2, 5: 5, 6: 5}.get(at, 0)]
 
 
 def test_a_run_leaves_one_folder(tmp_path: Path) -> None:

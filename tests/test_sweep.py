@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -76,9 +77,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return begun
 
 
-def rows() -> dict[str, list[Any]]:
-    """Return the table of the sweep in ./out."""
-    return pq.read_table("out/sweep.parquet").to_pydict()
+def rows(out: str = "out") -> dict[str, list[Any]]:
+    """Return the table of the sweep in the folder `out`."""
+    return pq.read_table(f"{out}/sweep.parquet").to_pydict()
 
 
 @pytest.mark.parametrize(
@@ -203,6 +204,53 @@ def test_runs_of_another_sweep_are_refused(
     assert code == 2
     assert f"it differs in {named}" in err
     assert {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()} == before
+
+
+def test_a_table_loses_no_row(sweep: Sweep, quick: list[str]) -> None:
+    """A sweep without all runs of the table is refused and writes nothing; one with all of them, and more, goes on."""
+    words = ("--set", "decay=0.01,0.05", "--set", "pairs=[1, 2],[3, 4]")
+    assert sweep(*words, "--seeds", "0:2")[0] == 0
+    before = {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()}
+    for fewer in (
+        ("--seeds", "0:2", "--ticks", "30"),
+        (*words, "--seeds", "0:1"),
+        ("--seeds", "0:2", "--set", "pairs=[1, 2],[3, 4]"),
+    ):
+        code, _, err = sweep(*fewer)
+        assert code == 2
+        assert "'" + str(Path("out").absolute()) + "' holds a sweep of 8 runs" in err
+        assert "Give another --out" in err
+        assert {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()} == before
+    assert "4 of which this one leaves out: " in sweep(*words, "--seeds", "0:1")[2]
+    shutil.rmtree("out/runs")  # the table alone is left: the same sweep is lived again, another is refused
+    code, _, err = sweep(*words, "--seeds", "0:2", "--ticks", "30")
+    assert code == 2
+    assert "8 of which this one leaves out: " in err
+    del quick[:]
+    assert sweep("--set", "decay=0.01,0.05,0.1", words[2], words[3], "--seeds", "0:3")[0] == 0
+    assert len(quick) == len(rows()["run"]) == 18
+    Path("out/sweep.parquet").write_bytes(b"mine")
+    assert "cannot be read; move it away" in sweep(*words, "--seeds", "0:2")[2]
+
+
+def test_what_cannot_be_measured_keeps_its_row(sweep: Sweep, quick: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a sweep is stopped while it measures, the lives that the table had stay in it."""
+    assert sweep("--seeds", "0:2")[0] == 0
+    before = rows()
+    monkeypatch.setattr(_sweep, "by_process", lambda *_: (_sweep.USER_ERROR, "no"))
+    assert sweep("--seeds", "0:2", "--evaluate")[0] == 2
+    assert rows() == before
+
+
+def test_a_sweep_is_not_written_into_a_run(sweep: Sweep) -> None:
+    """A folder that holds a run is refused as --out, and stays as it is."""
+    assert sweep("--seeds", "0")[0] == 0
+    run = Path("out/runs/seed=0")
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    code, _, err = sweep("--seeds", "0", "--out", str(run))
+    assert code == 2
+    assert "holds a run" in err
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.parametrize(
@@ -334,9 +382,9 @@ def test_a_sweep_lives_on_ray(sweep: Sweep) -> None:
     assert attempts().count("kills=1_orphaned=0_seed=5") == usual + 1
     assert attempts().count("kills=0_orphaned=1_seed=5") > usual
     assert len(on_ray["run"]) == 4
-    code, _, err = sweep("--seeds", "5")  # the same without Ray
+    code, _, err = sweep("--seeds", "5", "--out", "here")  # the same without Ray
     assert code == 0, err
-    assert {*on_ray["mean_drive"]} == {*rows()["mean_drive"]}
+    assert {*on_ray["mean_drive"]} == {*rows("here")["mean_drive"]}
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "ray://127.0.0.1:1", "127.0.0.1:99999"])
