@@ -152,6 +152,7 @@ WORDS: dict[str, dict[str, st.SearchStrategy[Any]]] = {
         "drive_epsilon": NUMBERS, "commitment": PLAIN,
         "senses": st.lists(st.sampled_from(["position", "heading", "x"]), max_size=3),
         "collapse": st.dictionaries(st.sampled_from(["food", "x"]), NUMBERS, max_size=1), "learner": PLAIN,
+        "learner_settings": VALUES, "hazard": PLAIN, "sees": PLAIN, "neighbours": VALUES, "needs": VALUES,
     },
     "move": {"name": PLAIN, "speed": NUMBERS, "direction": NUMBERS,
              "closes_at": st.dictionaries(st.sampled_from(["food", "x"]), NUMBERS, max_size=1)},
@@ -222,13 +223,16 @@ def test_a_spec_is_a_world_that_lives_or_one_error(folder: Path, spec: dict[str,
     path = folder / "spec.py"
     text = repr(spec)
     path.write_text("nan, inf = float('nan'), float('inf')\n" + SPEC.format(spec=text))
+    said = ""
     with in_time():
         try:
             run = Run(resolve(str(path)), Path(os.devnull))
         except EcologyError as error:
             one_clear_error(error, refused=spec)
+            said = str(error)
         else:
             lives(run.scenario)
+    assert "cannot be built" not in said  # these would be Python's own words
 
 
 # ---- actions -----------------------------------------------------------------------------------
