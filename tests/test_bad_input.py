@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+import agents
 import ecology
 import scenarios
 from ecology import (
@@ -341,6 +342,7 @@ def test_a_need_may_have_the_name_of_a_field(name):
         ("build = 3\n", ["my_world.py", "must define a function `build`"]),
         ("def build():\n    return 3\n", ["must return an ecology.Scenario", "int"]),
         ("def build():\n    return {}['food']\n", ["cannot be built", "KeyError"]),
+        ("import sys\ndef build():\n    sys.exit(3)\n", ["cannot be built", "my_world.py, line 3", "SystemExit: 3"]),
         ("def build(size):\n    return size\n", ["'size'", "default"]),
         ("def build(**settings):\n    return settings\n", ["'settings'", "default"]),
     ],
@@ -381,6 +383,23 @@ def test_an_unknown_scenario_is_answered_with_the_nearest(name, words):
         scenarios.load(name)
     for word in words:
         assert word in str(caught.value), str(caught.value)
+
+
+def test_a_file_named_without_its_ending_is_suggested(tmp_path, monkeypatch):
+    """A name that is no scenario, but that of a file without .py, is answered with the file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_world.py").write_text("def build():\n    pass\n")
+    with pytest.raises(EcologyError, match=r"no scenario 'my_world'. Did you mean the file 'my_world.py'\?"):
+        scenarios.load("my_world")
+
+
+@pytest.mark.parametrize("learner", ["hjb", "lean", "algorithm1", "qvalue", "random"])
+def test_an_unknown_setting_of_a_learner_names_the_learner(learner):
+    """The learner that is blamed for an unknown setting is the one asked for, not the class that it shares."""
+    world = scenario(learner=learner, learner_settings={"gama": 1})
+    group = ecology.parallel_env(world).groups["agent"]
+    with pytest.raises(EcologyError, match=rf"the learner {learner} has no setting 'gama'"):
+        agents.make(learner, group, np.random.SeedSequence(0), world.species[0].learner_settings)
 
 
 @pytest.mark.parametrize(
