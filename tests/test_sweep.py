@@ -212,6 +212,7 @@ def test_runs_of_another_sweep_are_refused(
         (["--set", "decay=0.1,much"], "'much'"),
         (["--set", "decay"], "KEY=VALUE"),
         (["--set", "decay="], "KEY=VALUE"),
+        (["--set", "decay=0.1", "--set", "decay=0.2,0.3"], "write --set decay=0.1,0.2,0.3 alone"),
         (["--learner", "random,randon"], "'random'"),
         (["--learner", "agnt=rest"], "'agent'"),
         (["--ray", "local"], "ecology-sandbox[ray]"),
