@@ -218,6 +218,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @example({"growth": {"kind": "exponential", "rate": 1e12}})
 @example({"resource": {"radius": 10**30}})
 @example({"move": {"direction": -(10**30)}})
+@example({"sleep": {"duration": 10**30}})
 def test_a_spec_is_a_world_that_lives_or_one_error(folder: Path, spec: dict[str, dict[str, Any]]) -> None:
     """A scenario file of wrong words is refused in words, or makes a world that lives; a good one does."""
     path = folder / "spec.py"
