@@ -103,8 +103,12 @@ def make(
 ) -> Learner:
     """Return a learner `name` for the slots of `group`; `settings_` where they are not the defaults.
 
-    It computes on `device` if it can, else on the CPU. EcologyError where the device is not here.
+    It computes on `device` if it can, else on the CPU. EcologyError where the device is not here, or a
+    setting is not the learner's.
     """
-    cls = learner_class(name)
+    cls, known = learner_class(name), settings(name)
+    for key in settings_:
+        if key not in known:  # told here: several learners are of one class
+            raise EcologyError(f"the learner {name} has no setting {key!r}. {nearest(key, known)}")
     words = {"device": device} if cls.devices else {}
-    return cls.with_settings(group, seed, {**settings(name), **settings_}, **words)
+    return cls.with_settings(group, seed, {**known, **settings_}, **words)

@@ -11,7 +11,6 @@ import numpy as np
 
 from agents.base import Learner, Transition
 from ecology import EcologyError, Group
-from ecology.errors import nearest
 
 EXPLORES = 0.2  # share of random actions while one learns
 
@@ -53,11 +52,6 @@ class Averaging(Learner):
     @classmethod
     def with_settings(cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any]) -> Averaging:
         """Return n agents; the setting `epsilon` is the share of random actions while learning."""
-        for name in settings:
-            if name not in cls.defaults():
-                raise EcologyError(
-                    f"the learner {cls.__name__.lower()} has no setting {name!r}. {nearest(name, cls.defaults())}"
-                )
         return cls(group, seed, **{**cls.defaults(), **settings})
 
     def __init__(self, group: Group, seed: np.random.SeedSequence, epsilon: float = EXPLORES) -> None:

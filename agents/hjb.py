@@ -27,7 +27,6 @@ from agents.memory import Memory
 from agents.movements import Movements, adaptive, single_ticks
 from agents.networks import Perceptrons
 from ecology import EcologyError, Group
-from ecology.errors import nearest
 
 DEPRIVED, SATED = -1.0, 0.4  # imagined deviations lie between these, times x*
 J_CENTRE, J_SPREAD, J_CEILING = 0.45, 0.55, 2.75  # of J's output, times the drive of total deprivation
@@ -149,12 +148,10 @@ class HJB(Learner):
     def with_settings(
         cls, group: Group, seed: np.random.SeedSequence, settings: Mapping[str, Any], device: str = "cpu"
     ) -> HJB:
-        """Return n learners with `settings` by name that compute on `device`."""
+        """Return n learners with `settings` by name, all of `defaults`, that compute on `device`."""
         known = cls.defaults()
         checked = {}
         for name, value in settings.items():
-            if name not in known:
-                raise EcologyError(f"the learner hjb has no setting {name!r}. {nearest(name, known)}")
             kind = type(known[name])
             if kind is float and isinstance(value, int) and not isinstance(value, bool):
                 value = float(value)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from ecology import typed
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import Rule
 from ecology.senses import SENSES, layout
@@ -32,6 +33,7 @@ class Scenario:
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
 
     def __post_init__(self) -> None:
+        typed.check(self)
         owner = f"scenario {self.name!r}"
         require(len(self.species) > 0, f"{owner}: at least one species.")
         require(
@@ -54,12 +56,7 @@ class Scenario:
             sum(species.count for species in self.species) > 0 or any(s.arrival for s in self.species),
             f"{owner}: at least one agent; every species has the count 0 and no arrivals.",
         )
-        require(self.rule is None or callable(self.rule), f"{owner}: rule must be a function, got {self.rule!r}.")
-        for name, measure in self.measures.items():
-            require(
-                isinstance(name, str) and bool(name) and callable(measure),
-                f"{owner}: measures are functions of the state by name, got {name!r}: {measure!r}.",
-            )
+        require("" not in self.measures, f"{owner}: a measure needs a name, got '' in {sorted(self.measures)}.")
         for species in self.species:
             self._check_needs_named(species)
             self._check_others(species)

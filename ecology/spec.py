@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from ecology import typed
 from ecology.errors import EcologyError
 
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
@@ -35,17 +36,12 @@ def _amounts(owner: str, word: str, amounts: Mapping[str, float], *, below: floa
         )
 
 
-def _finite(owner: str, **numbers: float) -> None:
+def _finite(owner: str, /, **numbers: float) -> None:
     for name, value in numbers.items():
         require(
             isinstance(value, (int, float)) and math.isfinite(value),
             f"{owner}: {name} must be a finite number, got {value!r}.",
         )
-
-
-def _flags(owner: str, **flags: bool) -> None:
-    for name, value in flags.items():
-        require(isinstance(value, bool), f"{owner}: {name} must be True or False, got {value!r}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +53,7 @@ class Season:
     phase: float = 0.0  # radians
 
     def __post_init__(self) -> None:
+        typed.check(self)
         _finite("Season", amplitude=self.amplitude, period=self.period, phase=self.phase)
         require(self.period >= 1e-9, f"Season: period must be positive, at least 1e-9, got {self.period!r}.")
 
@@ -85,9 +82,9 @@ class Need:
     regulated: bool = True  # whether the deviation counts in the drive
 
     def __post_init__(self) -> None:
+        typed.check(self)
         owner = f"need {self.name!r}"
         _words(owner, self.name)
-        _flags(owner, proportional=self.proportional, lethal=self.lethal, regulated=self.regulated)
         _finite(
             owner,
             set_point=self.set_point,
@@ -98,8 +95,11 @@ class Need:
             noise=self.noise,
         )
         require(self.noise >= 0, f"{owner}: noise must not be negative, got {self.noise!r}.")
+        require(
+            len(self.bounds) == 2 and self.bounds[0] < self.bounds[1],
+            f"{owner}: bounds must be (low, high) with low < high, got {self.bounds!r}.",
+        )
         low, high = self.bounds
-        require(low < high, f"{owner}: bounds must be (low, high) with low < high, got {self.bounds!r}.")
         require(
             low <= self.set_point <= high,
             f"{owner}: the bounds {self.bounds!r} must include the set point {self.set_point!r}; "
@@ -157,6 +157,7 @@ class Action:
     closes_at: Mapping[str, float] = field(default_factory=dict)  # closed while any need named is at least this
 
     def __post_init__(self) -> None:
+        typed.check(self)
         owner = f"action {self.name!r}"
         _words(owner, self.name)
         _finite(owner, speed=self.speed, turn=self.turn, duration=self.duration)
@@ -278,10 +279,7 @@ class Growth:
     season: Season | None = None
 
     def __post_init__(self) -> None:
-        require(
-            self.kind in ("linear", "logistic", "exponential"),
-            f"Growth: kind is 'linear', 'logistic' or 'exponential', got {self.kind!r}.",
-        )
+        typed.check(self)
         _finite("Growth", rate=self.rate)
         require(self.rate > 0, f"Growth: rate must be positive, got {self.rate!r}; leave growth out for none.")
         require(
@@ -299,6 +297,7 @@ class Oscillation:
     phase: float = 0.0  # radians of the wave at time 0: 0 at the position, pi at `to`
 
     def __post_init__(self) -> None:
+        typed.check(self)
         require(len(self.to) == 2, f"Oscillation: to is (x, y), got {self.to!r}.")
         _finite("Oscillation", x=self.to[0], y=self.to[1], period=self.period, phase=self.phase)
         require(self.period >= 1e-9, f"Oscillation: period must be positive, at least 1e-9, got {self.period!r}.")
@@ -311,6 +310,7 @@ class Drift:
     spread: float  # standard deviation along x and along y, length per square root of a unit of time
 
     def __post_init__(self) -> None:
+        typed.check(self)
         _finite("Drift", spread=self.spread)
         require(self.spread > 0, f"Drift: spread must be positive, got {self.spread!r}.")
 
@@ -344,6 +344,7 @@ class Resource:
     motion: Motion | None = None  # none: it stays where it is
 
     def __post_init__(self) -> None:
+        typed.check(self)
         owner = f"resource {self.name!r}"
         _words(owner, self.name)
         if self.position is not None:
@@ -386,10 +387,6 @@ class Resource:
             f"{owner}: availability is a probability from 0 to 1, got {self.availability!r}.",
         )
         require(
-            self.motion is None or isinstance(self.motion, Motion),
-            f"{owner}: motion is an Oscillation, a Drift, a Relocation or None, got {self.motion!r}.",
-        )
-        require(
             not isinstance(self.motion, Oscillation) or self.position is not None,
             f"{owner}: an oscillation starts from the resource's position, got None; give the position.",
         )
@@ -422,7 +419,7 @@ class Arena:
     walls: bool = True
 
     def __post_init__(self) -> None:
-        _flags("arena", walls=self.walls)
+        typed.check(self)
         require(
             len(self.vertices) >= 3,
             f"arena: a closed arena needs at least 3 vertices, got {len(self.vertices)}.",
@@ -469,7 +466,9 @@ class Birth:
     maturity: float = 0.0  # age from which one is fit, time
 
     def __post_init__(self) -> None:
-        _finite("Birth", rate=self.rate, maturity=self.maturity, **self.threshold)
+        typed.check(self)
+        _finite("Birth", rate=self.rate, maturity=self.maturity)
+        _finite("Birth", **self.threshold)  # apart: a need may have the name of a field
         require(self.rate > 0, f"Birth: rate must be positive, got {self.rate!r}; leave birth out for none.")
         require(self.maturity >= 0, f"Birth: maturity must not be negative, got {self.maturity!r}.")
         _amounts("Birth", "cost", self.cost)
@@ -483,6 +482,7 @@ class Hazard:
     ageing: float = 0.0  # per unit of age
 
     def __post_init__(self) -> None:
+        typed.check(self)
         _finite("Hazard", rate=self.rate, ageing=self.ageing)
         require(self.rate >= 0, f"Hazard: rate must not be negative, got {self.rate!r}.")
 
@@ -496,7 +496,9 @@ class Crowding:
     species: tuple[str, ...] = ()  # who counts as others; all when empty
 
     def __post_init__(self) -> None:
-        _finite("Crowding", within=self.within, **self.control)
+        typed.check(self)
+        _finite("Crowding", within=self.within)
+        _finite("Crowding", **self.control)
         require(self.within > 0, f"Crowding: within must be positive, got {self.within!r}.")
 
 
@@ -514,6 +516,7 @@ class Neighbours:
     heading: bool = False  # whether its heading is sensed
 
     def __post_init__(self) -> None:
+        typed.check(self)
         require(
             isinstance(self.count, int) and self.count >= 1,
             f"Neighbours: count must be a whole number of at least 1, got {self.count!r}.",
@@ -545,8 +548,9 @@ class Empathy:
     lesion_at: float = 0.0  # time from which the lesion is there
 
     def __post_init__(self) -> None:
-        _finite("Empathy", weight=self.weight, lesion_at=self.lesion_at, **self.needs)
-        require(self.form in ("sum", "average"), f"Empathy: form is 'sum' or 'average', got {self.form!r}.")
+        typed.check(self)
+        _finite("Empathy", weight=self.weight, lesion_at=self.lesion_at)
+        _finite("Empathy", **self.needs)
         require(
             self.form == "sum" or 0 <= self.weight <= 1,
             f"Empathy: in the average form, weight is a share from 0 to 1, got {self.weight!r}.",
@@ -554,10 +558,6 @@ class Empathy:
         for row in self.matrix or ():
             _finite("Empathy", **{f"matrix[{j}]": w for j, w in enumerate(row)})
         require(self.within > 0, f"Empathy: within must be positive, got {self.within!r}.")
-        require(
-            self.lesion in ("none", "off", "sham", "shuffled"),
-            f"Empathy: lesion is 'none', 'off', 'sham' or 'shuffled', got {self.lesion!r}.",
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -592,9 +592,8 @@ class Species:
     learner_settings: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        typed.check(self)
         owner = f"species {self.name!r}"
-        _flags(owner, solid=self.solid)
-        require(isinstance(self.learner, str), f"{owner}: learner is the name of one, got {self.learner!r}.")
         if self.position is not None:
             require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
         _words(owner, self.name)
@@ -613,8 +612,8 @@ class Species:
             self.arrival == 0 or self.slots > 0,
             f"{owner}: newcomers arrive, but nobody has room; give a capacity above 0, got {self.capacity!r}.",
         )
-        _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon, **self.collapse)
-        _finite(owner, drive_exponent=self.drive_exponent)
+        _finite(owner, radius=self.radius, drive_epsilon=self.drive_epsilon, drive_exponent=self.drive_exponent)
+        _finite(owner, **self.collapse)
         if self.heading is not None:
             _finite(owner, heading=self.heading)
         require(self.radius > 0, f"{owner}: radius must be positive, got {self.radius!r}.")
@@ -625,10 +624,6 @@ class Species:
         require(self.view_range > 0, f"{owner}: view_range must be positive, got {self.view_range!r}.")
         require(self.drive_epsilon > 0, f"{owner}: drive_epsilon must be positive, got {self.drive_epsilon!r}.")
         require(self.drive_exponent > 0, f"{owner}: drive_exponent must be positive, got {self.drive_exponent!r}.")
-        require(
-            self.commitment in ("free", "committed"),
-            f"{owner}: commitment is 'free' or 'committed', got {self.commitment!r}.",
-        )
         for what, names in (
             ("need", [need.name for need in self.needs]),
             ("action", [action.name for action in self.actions]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import inspect
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -35,9 +36,10 @@ def module(name: str) -> ModuleType:
     elif name in names():
         path = HERE / f"{name}.py"
     else:
+        beside = f"{name}.py"
+        meant = f"Did you mean the file {beside!r}?" if os.path.isfile(beside) else nearest(name, names())
         raise EcologyError(
-            f"there is no scenario {name!r}. {nearest(name, names())} A file of your own is given by its path, "
-            "ending in .py."
+            f"there is no scenario {name!r}. {meant} A file of your own is given by its path, ending in .py."
         )
     spec = importlib.util.spec_from_file_location(f"scenarios._loaded_{path.stem}", path)
     if spec is None or spec.loader is None:
@@ -71,7 +73,7 @@ def load(name: str, /, **changes: Any) -> Scenario:
         scenario = build(**resolved)
     except EcologyError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _faults.named(f"the scenario {name!r} cannot be built with {changes}", error) from error
     if not isinstance(scenario, Scenario):
         raise EcologyError(

@@ -110,7 +110,18 @@ def _check_changes(before: Scenario, after: Scenario) -> None:
     """Raise EcologyError where a setting changes what a fork cannot, or what only a beginning knows."""
     if before.dt != after.dt:
         raise EcologyError(f"a fork keeps the length of a tick, {before.dt!r}; got dt {after.dt!r}.")
+    for was, now in zip(before.species, after.species, strict=False):
+        if was.name == now.name and was.slots != now.slots:
+            raise EcologyError(
+                f"a fork cannot change how many slots there are: {was.name!r} has {was.slots}, got {now.slots}. Leave "
+                "out what changes its count or capacity, or start a run anew."
+            )
     for old, new in zip(before.resources, after.resources, strict=False):
+        if old.name == new.name and old.count != new.count:
+            raise EcologyError(
+                f"a fork cannot change how many patches there are: {old.name!r} has {old.count}, got {new.count}. "
+                "Leave out what changes its count, or start a run anew."
+            )
         if old.name == new.name and old.position != new.position:
             raise EcologyError(
                 f"a setting places the resource {old.name!r} at the start only; move it by --move {old.name}=x,y."

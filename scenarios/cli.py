@@ -79,7 +79,16 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 def _spelt(words: list[str]) -> list[str]:
-    """Return the words of `run` with a bare --record, which takes KEY=VALUE, written out."""
+    """Return the words of `run` with a bare --record, which takes KEY=VALUE, written out.
+
+    EcologyError where one is empty, as a shell makes of a variable that is not set: a path of nothing is here.
+    """
+    for before, word in zip(["ecology", *words], words, strict=False):
+        if not word or re.fullmatch(r"--[\w-]+=", word):
+            option = word.removesuffix("=") or before
+            raise EcologyError(
+                f"no word is empty, got '' after {option}; write what is meant, or leave it out with its option."
+            )
     if words[:1] != ["run"]:
         return words
     after = [*words[1:], ""]
@@ -215,7 +224,7 @@ def run(
             plan = resolve(
                 scenario,
                 config=words,
-                changes=dict(map(_setting, set_ or ())),
+                changes=_pairs("--set", set_, _setting),
                 learners=learner or (),
                 ticks=ticks,
                 seed=seed,
@@ -279,10 +288,32 @@ def _setting(text: str) -> tuple[str, Any]:
     return key.strip(), read["value"] if set(read) == {"value"} else value
 
 
+def _pairs(
+    option: str, words: Sequence[str] | None, read: Callable[[str], tuple[str, Any]], *, several: bool = False
+) -> dict[str, Any]:
+    """Return what `read` makes of the words of an option, by key; EcologyError where a key is there twice.
+
+    Where `option` takes `several` values of a key, the error writes them in one.
+    """
+    found: dict[str, Any] = {}
+    told: dict[str, str] = {}
+    for word in words or ():
+        key, value = read(word)
+        typed = word.partition("=")[2].strip()
+        if key in found:
+            instead = f"{key}={told[key]},{typed}" if several else f"{key}={typed}"
+            raise EcologyError(
+                f"{option} takes {key!r} once, got {told[key]!r} and {typed!r}; write {option} {instead} alone."
+            )
+        found[key], told[key] = value, typed
+    return found
+
+
 def _recorded(words: Sequence[str], *, no_record: bool) -> dict[str, Any]:
     """Return what the plan says of recording, from the words of --record and --no-record."""
     found: dict[str, Any] = {"record": True} if words else {"record": False} if no_record else {}
-    for key, value in (_setting(part) for word in words if word != RECORD for part in word.split(",")):
+    parts = [part for word in words if word != RECORD for part in word.split(",")]
+    for key, value in _pairs("--record", parts, _setting).items():
         if key not in ("every", "detail"):
             raise EcologyError(f"--record has no setting {key!r}. {nearest(key, ('every', 'detail'))}")
         if type(value) is not (int if key == "every" else str):
@@ -482,9 +513,9 @@ def fork(
             it,
             at,
             out or run.absolute().with_name(f"{run.absolute().name}-at-{at}"),
-            changes=dict(map(_setting, set_ or ())),
+            changes=_pairs("--set", set_, _setting),
             remove=remove or (),
-            move=dict(map(_place, move or ())),
+            move=_pairs("--move", move, _place),
             ticks=ticks,
             device=device,
             record=record,
@@ -536,7 +567,7 @@ def sweep(
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
     from scenarios import _sweep
 
-    settings: dict[str, list[Any]] = dict(map(_sweep.values_of, set_ or ()))
+    settings: dict[str, list[Any]] = _pairs("--set", set_, _sweep.values_of, several=True)
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = _sweep.cells_of(
         scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
@@ -768,7 +799,7 @@ def _elsewhere(it: Run, species: str, scenario: str | None, changes: Sequence[st
     if scenario is not None or changes:
         own = {} if scenario is not None else it.plan.settings
         scenario = scenario or it.plan.scenario
-        world = scenarios.load(scenario, **{**own, **dict(map(_setting, changes))})
+        world = scenarios.load(scenario, **{**own, **_pairs("--set", changes, _setting)})
         words += ["in", Path(scenario).stem, *changes]
     return world, it.folder / re.sub(r"[^\w=.-]+", "_", "-".join(words))
 

@@ -1,16 +1,27 @@
 """What a user gets wrong gives one clear error: the rule, the value, and what to do."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
+import agents
 import ecology
 import scenarios
 from ecology import (
+    Action,
     Arena,
+    Birth,
+    Crowding,
+    Drift,
     EcologyError,
+    Empathy,
+    Growth,
+    Hazard,
     Need,
+    Neighbours,
+    Oscillation,
     Resource,
     Scenario,
     Season,
@@ -20,6 +31,7 @@ from ecology import (
     move,
     rest,
     sleep,
+    spec,
     turn,
 )
 
@@ -35,7 +47,7 @@ def species(**words):
 
 def scenario(**words):
     """Return a scenario that is right but for `words`; words of the species are passed on to it."""
-    own = {"name", "arena", "resources", "species", "dt", "ticks", "day"}
+    own = {"name", "arena", "resources", "species", "dt", "ticks", "day", "rule", "measures"}
     of_species = {key: words.pop(key) for key in list(words) if key not in own}
     parts = {"name": "tiny", "arena": SQUARE, "resources": (BERRIES,), "species": (species(**of_species),)}
     return Scenario(**{**parts, **words})
@@ -198,6 +210,125 @@ def test_a_wrong_word_is_named(what):
         assert word in str(caught.value), str(caught.value)
 
 
+# (a wrong type, words that the message must contain: class and field, what it must be, the value)
+WRONG_TYPES = {
+    "a hazard of a rate": (
+        lambda: species(hazard=0.0002),
+        ["species 'agent'", "hazard must be a Hazard or None", "0.0002"],
+    ),
+    "a season of a number": (
+        lambda: Need(name="food", set_point=2.0, season=3),
+        ["need 'food'", "season must be a Season or None", "got 3"],
+    ),
+    "no settings of a learner": (lambda: species(learner_settings=None), ["learner_settings must be a dict", "None"]),
+    "a list of settings": (lambda: species(learner_settings=[1]), ["learner_settings must be a dict", "[1]"]),
+    "a forgotten comma after a need": (
+        lambda: species(needs=(FOOD)),
+        ["needs must be a tuple of Need: write needs=(Need(...),)", "name='food'"],
+    ),
+    "a forgotten comma after an action": (
+        lambda: species(actions=rest()),
+        ["actions must be a tuple of Action: write actions=(Action(...),)"],
+    ),
+    "a forgotten comma after a species": (
+        lambda: scenario(species=species()),
+        ["scenario 'tiny'", "species must be a tuple of Species: write species=(Species(...),)"],
+    ),
+    "a forgotten comma after neighbours": (
+        lambda: species(neighbours=Neighbours(count=2)),
+        ["neighbours must be a tuple of Neighbours: write neighbours=(Neighbours(...),)", "count=2"],
+    ),
+    "a forgotten comma after a name": (
+        lambda: scenario(sees=("berries")),
+        ["sees must be a tuple of strings: write sees=('berries',)", "got 'berries'"],
+    ),
+    "a name among neighbours": (
+        lambda: Neighbours(species="agent"),
+        ["Neighbours: species must be a tuple of strings", "write species=('agent',)"],
+    ),
+    "a resource among needs": (lambda: species(needs=(FOOD, BERRIES)), ["needs[1] must be a Need", "'berries'"]),
+    "a number among names": (lambda: species(senses=("position", 3)), ["senses[1] must be a string", "got 3"]),
+    "a count of True": (lambda: species(count=True), ["count must be a whole number", "True"]),
+    "a rate of True": (lambda: Need(name="food", set_point=2.0, decay=True), ["decay must be a number", "True"]),
+    "a flag of 1": (lambda: species(solid=1), ["solid must be True or False", "got 1"]),
+    "a name of 3": (lambda: species(name=3), ["name must be a string", "got 3"]),
+    "an intake of a number": (lambda: consume("berries", 0.1), ["control must be a dict of numbers by name", "0.1"]),
+    "an intake of words": (lambda: consume("berries", {"food": "much"}), ["control['food']", "a number", "'much'"]),
+    "a need that is not named": (lambda: consume("berries", {1: 0.1}), ["a key of control must be a string", "got 1"]),
+    "a kind that there is not": (lambda: Action(name="walk", kind="walk"), ["kind must be 'rest' or", "'walk'"]),
+    "bounds of one number": (lambda: Need(name="food", set_point=2.0, bounds=(0.0,)), ["bounds must be (low, high)"]),
+    "bounds of a number": (lambda: Need(name="food", set_point=2.0, bounds=0.0), ["bounds must be a pair of numbers"]),
+    "a vertex of words": (lambda: Arena(vertices=((0, 0), (4, "0"), (4, 4))), ["vertices[1][1]", "a number", "'0'"]),
+    "an arena of vertices": (lambda: scenario(arena=((0, 0), (4, 0), (4, 4))), ["arena must be an Arena"]),
+    "a motion of a number": (
+        lambda: Resource(name="berries", motion=0.1),
+        ["motion must be an Oscillation or a Drift or a Relocation or None", "0.1"],
+    ),
+    "a rule of words": (lambda: scenario(rule="tag"), ["rule must be a function or None", "'tag'"]),
+    "measures of numbers": (lambda: scenario(measures={"stock": 3}), ["measures['stock'] must be a function", "got 3"]),
+}
+
+
+@pytest.mark.parametrize("what", WRONG_TYPES)
+def test_a_wrong_type_is_named(what):
+    """A field of the wrong type is refused with its class, what it must be and the value."""
+    make, words = WRONG_TYPES[what]
+    with pytest.raises(EcologyError) as caught:
+        make()
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+FIELDS = {
+    Action: {"name": "idle", "kind": "rest"},
+    Arena: {"vertices": SQUARE.vertices},
+    Birth: {"rate": 0.1},
+    Crowding: {"within": 1.0, "control": {"food": -0.1}},
+    Drift: {"spread": 0.1},
+    Empathy: {"weight": 1.0},
+    Growth: {"rate": 0.1},
+    Hazard: {"rate": 0.1},
+    Need: {"name": "food", "set_point": 2.0},
+    Neighbours: {},
+    Oscillation: {"to": (1.0, 1.0), "period": 9.0},
+    Resource: {"name": "berries"},
+    Scenario: {"name": "tiny", "arena": SQUARE, "species": (species(),)},
+    Season: {"amplitude": 0.5, "period": 9.0},
+    Species: {"name": "agent", "needs": (FOOD,), "actions": (rest(),)},
+}
+
+
+def test_all_words_are_among_those_whose_types_are_tried():
+    """The words of `ecology.spec` that have fields, and the scenario, are all in `FIELDS`."""
+    found = {word for word in vars(spec).values() if dataclasses.is_dataclass(word) and dataclasses.fields(word)}
+    assert found | {Scenario} == set(FIELDS)
+
+
+@pytest.mark.parametrize(
+    ("word", "field"), [(word, field.name) for word in FIELDS for field in dataclasses.fields(word)]
+)
+def test_the_type_of_every_field_is_checked(word, field):
+    """No field of any word takes what is of no type that a scenario knows; the error names the field."""
+    word(**FIELDS[word])
+    with pytest.raises(EcologyError, match=rf"{field} must be .*, got <object"):
+        word(**{**FIELDS[word], field: object()})
+
+
+@pytest.mark.parametrize("name", ["owner", "rate", "maturity", "within", "weight", "radius", "speed"])
+def test_a_need_may_have_the_name_of_a_field(name):
+    """A need is called as one likes: where its amounts are checked, the names of fields are no other need's."""
+    amounts = {name: 1.0}
+    species(
+        needs=(Need(name=name, set_point=2.0),),
+        actions=(rest(control=amounts), sleep(duration=1.0, opens_from=amounts)),
+        collapse=amounts,
+        birth=Birth(rate=0.1, threshold=amounts, cost=amounts),
+        crowding=Crowding(within=1.0, control=amounts),
+        empathy=Empathy(weight=1.0, needs=amounts),
+    )
+
+
 # ---- scenario files and settings ---------------------------------------------------------
 
 
@@ -211,6 +342,7 @@ def test_a_wrong_word_is_named(what):
         ("build = 3\n", ["my_world.py", "must define a function `build`"]),
         ("def build():\n    return 3\n", ["must return an ecology.Scenario", "int"]),
         ("def build():\n    return {}['food']\n", ["cannot be built", "KeyError"]),
+        ("import sys\ndef build():\n    sys.exit(3)\n", ["cannot be built", "my_world.py, line 3", "SystemExit: 3"]),
         ("def build(size):\n    return size\n", ["'size'", "default"]),
         ("def build(**settings):\n    return settings\n", ["'settings'", "default"]),
     ],
@@ -251,6 +383,23 @@ def test_an_unknown_scenario_is_answered_with_the_nearest(name, words):
         scenarios.load(name)
     for word in words:
         assert word in str(caught.value), str(caught.value)
+
+
+def test_a_file_named_without_its_ending_is_suggested(tmp_path, monkeypatch):
+    """A name that is no scenario, but that of a file without .py, is answered with the file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_world.py").write_text("def build():\n    pass\n")
+    with pytest.raises(EcologyError, match=r"no scenario 'my_world'. Did you mean the file 'my_world.py'\?"):
+        scenarios.load("my_world")
+
+
+@pytest.mark.parametrize("learner", ["hjb", "lean", "algorithm1", "qvalue", "random"])
+def test_an_unknown_setting_of_a_learner_names_the_learner(learner):
+    """The learner that is blamed for an unknown setting is the one asked for, not the class that it shares."""
+    world = scenario(learner=learner, learner_settings={"gama": 1})
+    group = ecology.parallel_env(world).groups["agent"]
+    with pytest.raises(EcologyError, match=rf"the learner {learner} has no setting 'gama'"):
+        agents.make(learner, group, np.random.SeedSequence(0), world.species[0].learner_settings)
 
 
 @pytest.mark.parametrize(

@@ -20,15 +20,15 @@ CROWD = """
 '''Wide bodies in a small room: they touch each other and the walls at every tick.'''
 from ecology import Arena, Drift, Need, Oscillation, Resource, Scenario, Species, consume, go_to, move, rest, turn
 
-def build(decay=0.01, noise=0.02, count=8, width=4.0, dt=1.0, place=1.0):
+def build(decay=0.01, noise=0.02, count=8, width=4.0, dt=1.0, place=1.0, herds=3, lost=False):
     need = Need(name="food", set_point=2.0, decay=decay, noise=noise, bounds=(0.0, 4.0))
     actions = (rest(), move("walk", 0.3), turn("left", 0.7), turn("right", -0.7),
                consume("berries", {"food": 0.1}), go_to("berries", 0.2))
     crowd = Species(name="crowd", needs=(need,), actions=actions, count=count, radius=0.2, learner="random")
-    resources = (Resource(name="berries", position=(place, 1.0)), Resource(name="herds", count=3),
+    resources = (Resource(name="berries", position=(place, 1.0)), Resource(name="herds", count=herds),
                  Resource(name="swing", position=(0.5, 0.5), motion=Oscillation(to=(1.0, 0.5), period=9.0)))
     return Scenario(name="crowd", arena=Arena(vertices=((0, 0), (2, 0), (2, 2), (0, 2))), species=(crowd,),
-                    resources=resources, dt=dt, ticks=120)
+                    resources=resources[: 2 if lost else 3], dt=dt, ticks=120)
 """
 SMALL = ("--set", "learner.width=4", "--set", "learner.memory=50")
 Command = Callable[..., tuple[int, str, str]]
@@ -199,7 +199,11 @@ BAD = {
     "no future": (["--at", "120"], "--ticks"),
     "an unknown setting": (["--set", "decy=1"], "'decay'"),
     "another tick": (["--set", "dt=0.5"], "length of a tick"),
-    "another world": (["--set", "count=9"], "not what there is"),
+    "another number of agents": (["--set", "count=9"], "how many slots there are: 'crowd' has 8, got 9"),
+    "another number of patches": (["--set", "herds=4"], "how many patches there are: 'herds' has 3, got 4"),
+    "another world": (["--set", "lost=true"], "not what there is"),
+    "a setting told twice": (["--set", "decay=0.1", "--set", "decay=0.2"], "write --set decay=0.2 alone"),
+    "a place told twice": (["--move", "berries=1,1", "--move", "berries=1,1.5"], "write --move berries=1,1.5 alone"),
     "a place of the start": (["--set", "place=0.5"], "--move berries=x,y"),
     "nobody": (["--remove", "crowd_9"], "'crowd_7'"),
     "no resource": (["--move", "bery=1,1"], "'berries'"),
@@ -224,6 +228,15 @@ def test_bad_words_are_one_clear_error(original: Command, case: str) -> None:
     assert named in err
     assert "Traceback" not in err
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+
+
+def test_an_evaluation_is_told_a_setting_once(original: Command) -> None:
+    """`evaluate` refuses a setting that is told twice, as `fork` does, and writes nothing."""
+    before = list(Path("run").iterdir())
+    code, _, err = original("evaluate", "run", "--set", "decay=0.1", "--set", "decay=0.2")
+    assert code == 2
+    assert "write --set decay=0.2 alone" in err
+    assert list(Path("run").iterdir()) == before
 
 
 def test_kept_states_are_those_of_their_ticks(original: Command) -> None:

@@ -152,6 +152,7 @@ WORDS: dict[str, dict[str, st.SearchStrategy[Any]]] = {
         "drive_epsilon": NUMBERS, "commitment": PLAIN,
         "senses": st.lists(st.sampled_from(["position", "heading", "x"]), max_size=3),
         "collapse": st.dictionaries(st.sampled_from(["food", "x"]), NUMBERS, max_size=1), "learner": PLAIN,
+        "learner_settings": VALUES, "hazard": PLAIN, "sees": PLAIN, "neighbours": VALUES, "needs": VALUES,
     },
     "move": {"name": PLAIN, "speed": NUMBERS, "direction": NUMBERS,
              "closes_at": st.dictionaries(st.sampled_from(["food", "x"]), NUMBERS, max_size=1)},
@@ -217,18 +218,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @example({"growth": {"kind": "exponential", "rate": 1e12}})
 @example({"resource": {"radius": 10**30}})
 @example({"move": {"direction": -(10**30)}})
+@example({"sleep": {"duration": 10**30}})
 def test_a_spec_is_a_world_that_lives_or_one_error(folder: Path, spec: dict[str, dict[str, Any]]) -> None:
     """A scenario file of wrong words is refused in words, or makes a world that lives; a good one does."""
     path = folder / "spec.py"
     text = repr(spec)
     path.write_text("nan, inf = float('nan'), float('inf')\n" + SPEC.format(spec=text))
+    said = ""
     with in_time():
         try:
             run = Run(resolve(str(path)), Path(os.devnull))
         except EcologyError as error:
             one_clear_error(error, refused=spec)
+            said = str(error)
         else:
             lives(run.scenario)
+    assert "cannot be built" not in said  # these would be Python's own words
 
 
 # ---- actions -----------------------------------------------------------------------------------
