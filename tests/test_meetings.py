@@ -53,13 +53,13 @@ def test_reach_is_between_the_centres(distance, open_):
 
 
 def test_damage_has_the_columns_of_the_bitten():
-    """The table of a biter, as wide as its own needs, tells what it does to one who has more."""
+    """The table of a biter has room for the needs of who has more, and tells what it does to them."""
     scenario = scenarios.load("predator_prey", wound=0.25)
     prey, predator = scenario.species
     assert len(predator.needs) < len(prey.needs)
-    table = compile_actions(predator, scenario.resources, len(predator.needs), scenario.species)
+    table = compile_actions(predator, scenario.resources, scenario.species)
     hurt = [need.name for need in prey.needs].index("health")
-    assert table.control.shape[1] == len(predator.needs)
+    assert table.control.shape[1] == len(prey.needs)
     assert table.damage[table.bites, hurt].tolist() == [0.25]
 
 
