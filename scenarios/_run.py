@@ -183,7 +183,6 @@ class Tally:
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned, which has only the blocks that have begun."""
-        arrays = {"gone": np.zeros_like(self.gone), **arrays}  # runs that began before it was counted lack it
         for name in self.ARRAYS:
             mine = getattr(self, name)
             mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
