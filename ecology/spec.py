@@ -17,6 +17,8 @@ from ecology.errors import EcologyError
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
 Commitment = Literal["free", "committed"]
 
+FARTHEST = 1e9  # length, of a vertex from the origin along an axis
+
 
 def require(rule: bool, message: str) -> None:
     """Raise EcologyError(message) unless `rule` holds."""
@@ -427,6 +429,11 @@ class Arena:
         for vertex in self.vertices:
             require(len(vertex) == 2, f"arena: a vertex is (x, y), got {vertex!r}.")
             _finite("arena", x=vertex[0], y=vertex[1])
+            require(
+                max(map(abs, vertex)) <= FARTHEST,
+                f"arena: a vertex lies within {FARTHEST:g} of the origin in x and y, beyond which places are no longer "
+                f"told apart well; got {vertex!r}.",
+            )
         import shapely  # slow to load, needed once per arena
 
         polygon = shapely.Polygon(self.vertices)

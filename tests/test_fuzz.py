@@ -213,6 +213,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @given(specs())
 @example({})
 @example({"arena": {"vertices": [[1, 58], [9, 1e-7], [3, 1], [2, 0], [1, 0], [-1e30, -1e30]]}})
+@example({"arena": {"vertices": [[0.0, 0.0], [0.0, 1e300], [2.0, 0.0]]}})
 @example({"species": {"position": [2, 2, 2]}})
 @example({"season": {"period": 5e-324}})
 @example({"growth": {"kind": "exponential", "rate": 1e12}})
