@@ -576,36 +576,25 @@ class HJB(Learner):
         if whole:
             angle = np.array(layout.kinds) == "angle"
             after = np.clip(after, np.where(angle, -np.inf, layout.low), np.where(angle, np.inf, layout.high))
-        drive = self.drive
         here = float(self.deviation(slot, zeta[None])[0])
         ahead = self.deviation(slot, after.astype(np.float32))
         if whole:
             slope = (ahead - here) / (-np.log(s.gamma) * step)
         else:
             slope = self.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
-        keep = s.gamma**duration
-        total = drive(after) + slope
-        hoped = ahead * np.where(self._unknown(slot, after), 1 - float(self.device.off(self.hope[slot])), 1.0)
+        at, every = np.ascontiguousarray(zeta[None], np.float32), np.ones((1, self.count), bool)
+        next_drive = self.drive(after)
         return {
             "names": self.moves.names,
             "open": self.moves.open(mask[None])[0],
-            "next_drive": drive(after),
+            "next_drive": next_drive,
             "slope": slope,
-            "sum": total,
-            "score": (1 - keep) * 0.5 * (drive(zeta) + drive(after)) + keep * hoped if whole else total,
+            "sum": next_drive + slope,
+            "score": self.device.scores(self.brains, np.array([slot]), at, every)[0],
             "J": here,
             "gamma": s.gamma,
             "error": self._error(slot),
         }
-
-    def _unknown(self, slot: int, zeta: np.ndarray) -> np.ndarray:
-        """Return which of zeta (m, D) are farther than the spacing from all place cells; none where none are left."""
-        count = int(self.device.off(self.cell_count[slot]))
-        if not 0 < count < self.cells:
-            return np.zeros(len(zeta), bool)
-        centres = self.device.off(self.cell_centre[slot])[:, :count]  # (2, c)
-        gap = zeta[:, self.senses.place, None] - centres
-        return (np.square(gap).sum(1) > self.settings.place_spacing**2).all(1)
 
     def _error(self, slot: int, last: int = 64) -> np.ndarray:
         """Return the error of f per component over the `last` decisions, relative to the changes met, (D,)."""
