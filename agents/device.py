@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from agents import kernels
-from agents.kernels import Ahead, Brains, Draws, Ring, Senses
+from agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 from ecology import EcologyError
 
 NAMES = r"cpu|mps|cuda(:\d+)?"
@@ -52,8 +52,24 @@ class Device(ABC):
         """Return float32 numbers from the standard normal law, on the device."""
 
     @abstractmethod
-    def scores(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
-        """Return the HJB score (k, M) of the open movements of `slots` (k,) at zeta (k, D), infinity elsewhere."""
+    def scores(
+        self,
+        brains: Brains,
+        ring: Ring,
+        trace: Trace,
+        ages: np.ndarray,
+        slots: np.ndarray,
+        zeta: np.ndarray,
+        open_: np.ndarray,
+    ) -> np.ndarray:
+        """Return the HJB score (k, M) of the open movements of `slots` (k,) at zeta (k, D), infinity elsewhere.
+
+        `ages` (k,) are units of time. Errors of f are corrected, and futures looked into, as the settings say.
+        """
+
+    @abstractmethod
+    def expected(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:
+        """Return what f predicts (k, D + 1) of the `movement` (k,) of each of `slots` (k,) at zeta (k, D)."""
 
     @abstractmethod
     def update(
@@ -108,8 +124,28 @@ class Cpu(Device):
     def normal(self, generator: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:  # noqa: D102
         return generator.standard_normal(shape, np.float32)
 
-    def scores(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:  # noqa: D102
+    def expected(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
+        return kernels.expected(self.senses, brains, slots, zeta, movement)
+
+    def scores(  # noqa: D102
+        self,
+        brains: Brains,
+        ring: Ring,
+        trace: Trace,
+        ages: np.ndarray,
+        slots: np.ndarray,
+        zeta: np.ndarray,
+        open_: np.ndarray,
+    ) -> np.ndarray:
         out = np.empty(open_.shape, np.float32)
+        if self.senses.depth > 1 or trace.where.shape[1]:
+            self._share(
+                lambda a, b: kernels.decide_far(
+                    self.senses, brains, ring, trace, slots[a:b], ages[a:b], zeta[a:b], open_[a:b], out[a:b]
+                ),
+                len(slots),
+            )
+            return out
         self._share(
             lambda a, b: kernels.decide(self.senses, brains, slots[a:b], zeta[a:b], open_[a:b], out[a:b]), len(slots)
         )

@@ -23,6 +23,7 @@ import numpy as np
 from agents import device as devices
 from agents import kernels
 from agents.base import DivergedError, Learner, Transition, drive_terms
+from agents.curiosity import Curiosity
 from agents.memory import Memory
 from agents.movements import Movements, adaptive, single_ticks
 from agents.networks import Perceptrons
@@ -35,7 +36,7 @@ CHANGE = 0.1  # change of a deviation that counts as one unit in L_f, times its 
 LENGTH = 0.5  # the same for a position, times half the extent; angles in radians, durations in strides
 ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
 ZETA = 2.0  # exponent of the law of the length of explored walks
-BLANK = {"movement": -1, "loss_f": math.nan, "loss_j": math.nan}  # of a life that begins; all else 0
+BLANK = {"movement": -1, "curiosity": 1.0, "loss_f": math.nan, "loss_j": math.nan}  # of a life that begins; all else 0
 TRAIL = 64  # ticks of a movement whose states are kept on the way
 
 
@@ -44,14 +45,15 @@ class HJBSettings:
     """Everything that can be set; times are in units of time, not ticks."""
 
     gamma: float = 0.995  # discount per unit of time
-    life: float = 100_000.0  # over which epsilon and the learning rate fall
-    epsilon: float = 0.5  # exploration at birth
-    epsilon_final: float = 0.1  # from `epsilon_until` of life on
-    epsilon_until: float = 0.6  # share of life
+    youth: float = 1000.0  # units of time, in which exploration falls to 1/e of its excess
+    epsilon: float = 0.1  # exploration at birth
+    epsilon_final: float = 0.05  # of adults
+    settling: float = 4000.0  # units of time, in which the learning rate falls to a half
+    tries: int = 1  # times that a movement is tried when it is open, before scores decide
     persistence: int = 8  # strides that a walk explored without optimism goes on for at most (Dabney et al. 2021)
     width: int = 64  # of both hidden layers of f and J
     learning_rate: float = 4e-3
-    learning_rate_final: float = 2e-4  # reached linearly in the second half of life
+    learning_rate_final: float = 4e-4  # of adults
     adaptive_steps: bool = True  # a decision lasts as long as its movement (paper, "adaptive time steps")
     bearings: bool = True  # a turn and the walk after it are one movement
     stride: float = 10.0  # length of a move
@@ -66,15 +68,30 @@ class HJBSettings:
     recent_share: float = 0.4  # of the batch, from the last `recent` decisions
     recent: int = 300
     memory: int = 12_000  # decisions
-    update_every: float = 4.0  # units of time between gradient steps
+    update_every: float = 1.0  # units of time between updates
+    updates: int = 3  # gradient steps on L_f and L_J per update
+    warm_up: int = 16  # decisions before the first update
     place_cells: int = 64  # Gaussian bumps of position, recruited where the agent has been; 0: none
     place_spacing: float = 0.75  # length between centres
     place_width: float = 0.6  # length, standard deviation of a bump
-    optimism: float = 1.0  # share by which J of where it has not been is taken to be lower at birth (R-MAX)
-    optimism_until: float = 0.2  # share of life, at which that has fallen to 0
+    optimism: float = 0.15  # share by which J of an unknown place is taken to be lower
+    optimism_young: float = 0.1  # the same at birth, as a share of the drive of total deprivation
+    depth: int = 3  # movements that a decision looks ahead
+    beam: int = 24  # predicted states kept at each of them
+    errors: int = 64  # latest decisions whose errors of f are remembered and corrected; 0: none
+    marks: int = 256  # places that an agent can know to have reached or aimed at
+    mark_reach: float = 1.25  # length around a place reached that counts as known
+    aim_reach: float = 0.5  # the same around a place aimed at in vain
+    boredom: float = 0.1  # rate at which curiosity follows the share of attempts that found a new place
+    near: float = 0.25  # length, standard deviation of the kernel by which an error counts near by
+    near_angle: float = 0.6  # radians, the same for angles
+    searched: int = 4000  # latest decisions in which what is open at a predicted state is looked up
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
-    target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016)
+    learn_value: bool = True  # the network of J learns V = d - Jn, so that J begins as the drive
+    target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016), by which an agent acts
+    polyak: float = 0.03  # share by which the slow copy follows J per gradient step
+    target_explores: bool = True  # the target is that of an agent that explores with `epsilon_final`
     lazy_heads: bool = False  # Adam leaves heads of f that no decision of the batch trained as they are
     inherit: bool = False  # a newborn starts from what its parent has learned, not from nothing
     mutation: float = 0.0  # standard deviation of inherited weights, relative to each layer's root mean square
@@ -89,13 +106,20 @@ class HJBSettings:
 
 RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
     (("gamma",), "between 0 and 1, both excluded", lambda v: 0 < v < 1),
-    (("epsilon", "epsilon_final", "recent_share", "imagined", "optimism"), "from 0 to 1", lambda v: 0 <= v <= 1),
-    (("epsilon_until", "optimism_until"), "above 0 and at most 1", lambda v: 0 < v <= 1),
-    (("place_cells", "mutation"), "0 or more", lambda v: v >= 0),
-    (("width", "batch", "batch_f", "recent", "memory", "persistence"), "1 or more", lambda v: v >= 1),
+    (
+        ("epsilon", "epsilon_final", "recent_share", "imagined", "optimism", "optimism_young"),
+        "from 0 to 1",
+        lambda v: 0 <= v <= 1,
+    ),
+    (("place_cells", "mutation", "errors", "tries"), "0 or more", lambda v: v >= 0),
+    (
+        ("width", "batch", "batch_f", "recent", "memory", "updates", "persistence", "depth", "beam", "searched"),
+        "1 or more",
+        lambda v: v >= 1,
+    ),
     (("place_spacing", "place_width"), "a length of at least 0.001", lambda v: v >= 1e-3),
     (
-        ("life", "learning_rate", "learning_rate_final", "stride", "pause", "meal", "update_every"),
+        ("youth", "settling", "learning_rate", "learning_rate_final", "stride", "pause", "meal", "update_every"),
         "positive and finite",
         lambda v: v > 0,
     ),
@@ -118,6 +142,13 @@ ALGORITHM1: Mapping[str, Any] = {
     "intra_option": False,
     "target_network": False,
     "lazy_heads": True,
+    "depth": 1,
+    "errors": 0,
+    "tries": 0,
+    "updates": 1,
+    "polyak": 0.1,
+    "target_explores": False,
+    "learn_value": False,
     "gamma": 0.99,
     "learning_rate": 1e-3,
     "learning_rate_final": 1e-3,
@@ -127,7 +158,15 @@ ALGORITHM1: Mapping[str, Any] = {
 
 
 # the least work that was found to beat camping in every seed of `paper`: see docs/performance.md
-LEAN: Mapping[str, Any] = {"width": 32, "batch": 32, "batch_f": 64, "update_every": 8.0}
+LEAN: Mapping[str, Any] = {
+    "width": 32,
+    "batch": 32,
+    "batch_f": 64,
+    "update_every": 8.0,
+    "updates": 1,
+    "depth": 1,
+    "errors": 0,
+}
 
 
 class HJB(Learner):
@@ -194,14 +233,23 @@ class HJB(Learner):
         self.memory = Memory(n, s.memory if s.replay else 1, self.components, self.count, at)
         self.cell_centre = at.zeros((n, 2, self.cells), np.float32)
         self.cell_count = at.zeros((n,), np.int64)
-        self.hope = at.zeros((n,), np.float32)
+        self.hope = at.zeros((n, 2), np.float32)
+        self.curiosity = Curiosity(n, s.marks if self.hopes else 0, s.mark_reach, s.aim_reach, s.boredom, at)
         self.cell_names = at.on(np.arange(self.cells))
         self.brains = kernels.Brains(
             self.f.weights, self.f.first, self.f.second, self.f.steps,
             self.J.weights, self.J.first, self.J.second, self.J.steps,
-            self.target, self.cell_centre, self.cell_count, self.hope,
+            self.target, self.cell_centre, self.cell_count, self.hope, self.curiosity.marks, self.curiosity.marked,
         )  # fmt: skip
         m = self.memory
+        w = len(self.senses.where)
+        self.trace = kernels.Trace(
+            np.zeros((n, s.errors, w), np.float32),
+            np.zeros((n, s.errors), np.int16),
+            np.zeros((n, s.errors, self.components + 1), np.float32),
+            np.zeros((n, s.errors), np.float32),
+            np.zeros(n, np.int64),
+        )
         self.ring = kernels.Ring(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
 
         # the movement under way, one row per slot
@@ -223,10 +271,12 @@ class HJB(Learner):
         )
         self.more = np.zeros(n, np.int64)  # strides that an explored walk goes on for
         self.age = np.zeros(n, np.int64)  # ticks learned
+        self.clock = np.zeros(n, np.int64)  # ticks acted
         self.ticks = 0
         self.exploration: float | None = None  # fixed epsilon, in evaluation
         self.loss_f, self.loss_j = np.full(n, np.nan), np.full(n, np.nan)
         self.decisions = np.zeros(n, np.int64)
+        self.tried = np.zeros((n, self.count), np.int64)
 
     def _senses(self) -> kernels.Senses:
         """Return what all agents share, for the kernels."""
@@ -243,6 +293,7 @@ class HJB(Learner):
         placed, centre = kinds == "position", np.zeros(len(kinds))
         centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
         f4 = np.float32
+        where = np.flatnonzero(~needs & (kinds != "felt"))
         return kernels.Senses(
             centre=centre.astype(f4),
             inverse=(1 / layout.scale).astype(f4),
@@ -262,7 +313,6 @@ class HJB(Learner):
             epsilon=f4(layout.epsilon),
             exponent=f4(exponent),
             sharp=f4(s.place_width**-2),
-            apart=f4(s.place_spacing**2),
             log_gamma=f4(math.log(s.gamma)),
             dt=f4(self.group.dt),
             centre_j=f4(worst * J_CENTRE),
@@ -276,8 +326,22 @@ class HJB(Learner):
             movements=self.count,
             finite=s.finite_difference,
             minimum=s.minimum_in_loss,
+            polyak=f4(s.polyak),
+            anchored=s.learn_value,
             slow=s.target_network,
             lazy=s.lazy_heads,
+            where=where,
+            nearness=np.select(
+                [kinds[where] == "position", kinds[where] == "angle"],
+                [1 / s.near, 1 / s.near_angle],
+                2 / layout.scale[where],
+            ).astype(f4),
+            turning=kinds[where] == "angle",
+            length=self.moves.length.astype(f4),
+            explored=f4(s.epsilon_final * s.target_explores),
+            depth=s.depth,
+            beam=s.beam,
+            searched=s.searched,
         )
 
     # ---- births and deaths ----------------------------------------------------------------
@@ -298,9 +362,13 @@ class HJB(Learner):
         self.J.redraw(new)
         blank, to, from_ = (self.device.on(rows) for rows in (new, heirs, parents[own]))
         self.target[blank] = self.J.weights[blank]
-        self.cell_centre[blank], self.cell_count[blank] = 0, 0
-        for array in (self.f.weights, self.J.weights, self.target, self.cell_centre, self.cell_count):
+        self.cell_count[blank], self.curiosity.marked[blank] = 0, 0
+        for array in (
+            self.f.weights, self.J.weights, self.target, self.cell_centre, self.cell_count, *self.curiosity.places,
+        ):  # fmt: skip
             array[to] = array[from_]
+        for known in (self.curiosity.level, self.tried):
+            known[heirs] = known[parents[own]]
         if self.settings.mutation > 0:
             self.f.mutate(heirs, self.settings.mutation)
             noise = self.J.mutate(heirs, self.settings.mutation)
@@ -324,29 +392,34 @@ class HJB(Learner):
         if self.exploration is not None:
             return np.full(self.size, self.exploration)
         s = self.settings
-        gone = np.minimum(self.age * self.group.dt / (s.life * s.epsilon_until), 1.0)
-        return s.epsilon + (s.epsilon_final - s.epsilon) * gone
+        left = np.exp(-self.age * self.group.dt / s.youth)
+        return s.epsilon_final + (s.epsilon - s.epsilon_final) * left
 
     def _hope(self) -> None:
-        """Tell the device how much lower J of unknown places is taken to be: less with age, not at all in evaluation.
+        """Set how much lower J of unknown places is taken to be; nothing in evaluation.
 
-        What was never tried is taken to be good (R-MAX, Brafman and Tennenholtz 2002), and by the equation so is what
-        leads there: the agent goes to the borders of what it knows until there are none.
+        The share grows with what is at stake, so an agent whose needs are met stays, and one that lacks something
+        searches. The young search even when they lack nothing.
         """
-        s = self.settings
         if self.hopes:
-            left = np.maximum(1 - self.age * self.group.dt / (s.life * s.optimism_until), 0.0)
-            self.hope[...] = self.device.on((s.optimism * left * (self.exploration is None)).astype(np.float32))
+            s, level = self.settings, self.curiosity.level * (self.exploration is None)
+            young = np.exp(-self.age * self.group.dt / s.youth) * self.senses.centre_j / J_CENTRE
+            hope = np.column_stack([s.optimism * level, s.optimism_young * level * young])
+            self.hope[...] = self.device.on(hope.astype(np.float32))
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Go on with the movements under way, decide where one has ended, and return actions (n,)."""
+        self.clock += 1
         actions = np.empty(self.size, np.int64)
         keep = self.learning and self.settings.intra_option
         if kernels.go_on(self.moves.action, self.moves.ticks, self.way, masks, observations, keep, self.free, actions):
             free = np.flatnonzero(self.free)
             ended = free[self.movement[free] >= 0]
-            if ended.size and self.learning:
-                self._remember(ended, observations)
+            if ended.size:
+                if self.settings.errors or self.hopes:
+                    self._note(ended, observations)
+                if self.learning:
+                    self._remember(ended, observations)
             deciding = free[masks[free].any(axis=1)]
             if deciding.size:
                 self._decide(deciding, observations[deciding], masks[deciding])
@@ -363,6 +436,12 @@ class HJB(Learner):
         explores = drawn[:, 0] < self.epsilon()[slots]
         share = (open_ / self.moves.length).cumsum(axis=1)  # each open movement gets the same time
         explored = (share > drawn[:, 1:] * share[:, -1:]).argmax(axis=1)
+        if self.learning and self.settings.tries:
+            new = open_ & (self.tried[slots] < self.settings.tries)
+            some = new.any(axis=1)
+            share = (np.where(some[:, None], new, open_) / self.moves.length).cumsum(axis=1)
+            explored = (share > drawn[:, 1:] * share[:, -1:]).argmax(axis=1)
+            explores |= some
         knows = np.flatnonzero(~explores)
         chosen = explored
         self._hope()
@@ -381,6 +460,7 @@ class HJB(Learner):
         self.began[slots] = observations
         self.was_open[slots] = open_
         self.decisions[slots] += 1
+        self.tried[slots, chosen] += 1
         if self.cells and self.learning:
             self._recruit(slots, observations)
 
@@ -390,8 +470,20 @@ class HJB(Learner):
         there = (ahead.open[slots] == open_).all(axis=1) & (ahead.zeta[slots] == observations).all(axis=1)
         score, rest = ahead.score[slots], np.flatnonzero(~there)
         if rest.size:
-            score[rest] = self.device.scores(self.brains, slots[rest], observations[rest], open_[rest])
+            score[rest] = self.device.scores(
+                self.brains,
+                self.ring,
+                self.trace,
+                self._now()[slots[rest]],
+                slots[rest],
+                observations[rest],
+                open_[rest],
+            )
         return score
+
+    def _now(self) -> np.ndarray:
+        """Return for how long every agent has acted, (n,), units of time."""
+        return (self.clock * self.group.dt).astype(np.float32)
 
     def _persist(self, slots: np.ndarray, chosen: np.ndarray, explores: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the movements (k,) with explored walks gone on with; their lengths follow a zeta law.
@@ -417,6 +509,27 @@ class HJB(Learner):
         self.cell_count[at[new]] += 1
 
     # ---- learning -------------------------------------------------------------------------
+
+    def _note(self, slots: np.ndarray, observations: np.ndarray) -> None:
+        """Note by how much f was wrong in the movements of `slots` that have just ended."""
+        trace, senses = self.trace, self.senses
+        began, movement = self.began[slots], self.movement[slots]
+        expected = self.device.expected(self.brains, slots, began, movement)
+        met = np.column_stack([observations[slots] - began, self.elapsed[slots] * self.group.dt])
+        error = (met - expected).astype(np.float32)
+        error[:, senses.angle] = np.remainder(error[:, senses.angle] + np.pi, 2 * np.pi) - np.pi
+        if self.learning and self.hopes:
+            place = senses.place
+            aimed = np.clip(began[:, place] + expected[:, place], senses.low[place], senses.high[place])
+            self.curiosity.learn(slots, aimed, observations[slots][:, place])
+        if not self.settings.errors:
+            return
+        at = trace.count[slots] % self.settings.errors
+        trace.where[slots, at] = began[:, senses.where]
+        trace.movement[slots, at] = movement
+        trace.error[slots, at] = error
+        trace.time[slots, at] = self._now()[slots]
+        trace.count[slots] += 1
 
     def _remember(self, slots: np.ndarray, observations: np.ndarray) -> None:
         """Store the movements of `slots` that have just ended at `observations` (n, D).
@@ -454,18 +567,19 @@ class HJB(Learner):
         self.ticks += 1
         s = self.settings
         if self.ticks % max(1, round(s.update_every / self.group.dt)) == 0:
-            ready = (self.memory.count >= (s.batch if s.replay else 1)) & transition.alive
+            ready = (self.memory.count >= (s.warm_up if s.replay else 1)) & transition.alive
             if ready.any():
                 deciding = ready & (self.left <= 0)
                 self.ahead.zeta[:] = transition.next_observations
-                self.ahead.open[:] = self.moves.open(transition.next_masks) & deciding[:, None]
-                self._update(ready)
+                if s.depth == 1 and not s.errors:
+                    self.ahead.open[:] = self.moves.open(transition.next_masks) & deciding[:, None]
+                for _ in range(s.updates):
+                    self._update(ready)
 
     def rate(self) -> np.ndarray:
         """Return the learning rate of every agent, (n,), by its age."""
         s = self.settings
-        late = np.clip(2 * self.age * self.group.dt / s.life - 1, 0, 1)
-        return s.learning_rate + (s.learning_rate_final - s.learning_rate) * late
+        return np.maximum(s.learning_rate / (1 + self.age * self.group.dt / s.settling), s.learning_rate_final)
 
     def _update(self, ready: np.ndarray) -> None:
         """Take one gradient step on L_f and L_J for the agents that are `ready` (n,)."""
@@ -494,14 +608,22 @@ class HJB(Learner):
         """Return every array here that changes and starts blank at birth, by name."""
         own = (
             "movement", "stage", "left", "elapsed", "began", "was_open", "more",
-            "trail", "trail_open", "age", "loss_f", "loss_j", "decisions",
+            "trail", "trail_open", "age", "clock", "tried", "loss_f", "loss_j", "decisions",
         )  # fmt: skip
+        trace = {f"trace.{name}": array for name, array in self.trace._asdict().items()}
         ahead = {f"ahead.{name}": array for name, array in self.ahead._asdict().items()}
-        return {name: getattr(self, name) for name in own} | ahead | {"memory.count": self.memory.count}
+        return (
+            {name: getattr(self, name) for name in own}
+            | {"curiosity": self.curiosity.level}
+            | ahead
+            | trace
+            | {"memory.count": self.memory.count}
+        )
 
     def _held(self) -> dict[str, Any]:
         """Return every array that the device holds, by name."""
         found = {name: getattr(self, name) for name in ("target", "cell_centre", "cell_count", "hope")}
+        found |= {"marks": self.curiosity.marks, "marked": self.curiosity.marked}
         for name, network in (("f", self.f), ("J", self.J)):
             found[name] = network.weights
             found |= {f"adam_{name}.{part}": getattr(network, part) for part in ("first", "second", "steps")}
@@ -590,7 +712,9 @@ class HJB(Learner):
             "next_drive": next_drive,
             "slope": slope,
             "sum": next_drive + slope,
-            "score": self.device.scores(self.brains, np.array([slot]), at, every)[0],
+            "score": self.device.scores(
+                self.brains, self.ring, self.trace, self._now()[[slot]], np.array([slot]), at, every
+            )[0],
             "J": here,
             "gamma": s.gamma,
             "error": self._error(slot),

@@ -27,7 +27,6 @@ BIAS, LOG2E, LN2_HIGH, LN2_LOW = F(127), F(1.44269504), F(0.693359375), F(-2.121
 E6, E5, E4 = F(1.9875691500e-4), F(1.3981999507e-3), F(8.3334519073e-3)  # exp, after Cephes' expf
 E3, E2, E1 = F(4.1665795894e-2), F(1.6666665459e-1), F(5.0000001201e-1)
 BETA1, BETA2, TINY = F(0.9), F(0.999), F(1e-8)  # of Adam
-POLYAK = F(0.1)  # share by which the target network follows J per update
 FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps subnormal numbers out
 FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
 LINE = 16  # numbers in a line of the cache
@@ -35,6 +34,10 @@ SOON = 512  # numbers by which Adam's moments are asked for ahead of their use
 X86 = platform.machine().lower() in ("x86_64", "amd64")
 ZEROED = np.uint32(0x8040)  # bits of its control word: subnormal numbers, read or computed, are zero
 LONGEST = F(300.0)  # units of time, of a predicted duration
+TURN = F(2 * math.pi)
+PRIOR = F(0.3)  # weight of "no error" among the remembered errors of f
+FADING = F(2000.0)  # units of time, over which a remembered error fades
+STALE = F(1e-4)  # squared distance by which a decision counts as farther per decision since
 
 Array = Any  # of NumPy, or as another device holds it
 
@@ -66,7 +69,6 @@ class Senses(NamedTuple):
     epsilon: np.float32  # of the drive
     exponent: np.float32
     sharp: np.float32  # 1 / width^2 of a place cell
-    apart: np.float32  # squared distance from all place cells beyond which a place is unknown
     log_gamma: np.float32
     dt: np.float32
     centre_j: np.float32  # Jn = centre_j + spread_j x output
@@ -80,8 +82,18 @@ class Senses(NamedTuple):
     movements: int  # M
     finite: bool  # the score over a whole movement
     minimum: bool  # the min in L_J
+    polyak: np.float32  # share by which the slow copy of J follows it per update
+    anchored: bool  # J is the drive plus what the network says
     slow: bool  # whether there is a target network
     lazy: bool  # heads of f that no decision of the batch trains rest
+    where: Array  # int (W,) components of zeta that say where the agent is: neither needs nor what is felt
+    nearness: Array  # (W,) 1 / sd of each in the kernel by which states are alike
+    turning: Array  # bool (W,) which of them are angles
+    length: Array  # (M,) ordinary length of a movement in ticks
+    explored: np.float32  # share of exploration that the target of J assumes
+    depth: int  # movements that a decision looks ahead
+    beam: int  # predicted states kept per depth
+    searched: int  # newest decisions among which the one nearest to a predicted state is looked up
 
 
 class Brains(NamedTuple):
@@ -98,7 +110,9 @@ class Brains(NamedTuple):
     target: Array  # (n, Q) J itself without a target network
     cell_centre: Array  # (n, 2, C)
     cell_count: Array  # int (n,)
-    hope: Array  # (n,) share by which J of places without a place cell is taken to be lower
+    hope: Array  # (n, 2) by which J of unknown places is taken to be lower: a share of it, and drive units
+    marks: Array  # (n, 2, K) places visited or aimed at
+    marked: Array  # int (n,) how many
 
 
 class Ring(NamedTuple):
@@ -110,6 +124,16 @@ class Ring(NamedTuple):
     movement: Array
     open: Array
     lived: Array  # (n,) decisions so far
+
+
+class Trace(NamedTuple):
+    """The working memory of the latest errors of f: a ring per agent of L decisions."""
+
+    where: Array  # (n, L, W) where the decision was made
+    movement: Array  # int16 (n, L)
+    error: Array  # (n, L, D + 1) true change and duration, less what f predicted
+    time: Array  # (n, L) age of the agent at the decision, units of time
+    count: Array  # int (n,) decisions so far
 
 
 class Draws(NamedTuple):
@@ -151,6 +175,24 @@ class Ahead(NamedTuple):
     zeta: np.ndarray  # (n, D)
     open: np.ndarray  # bool (n, M); nothing is open where nothing is to be decided
     score: np.ndarray  # (n, M)
+
+
+class Beam(NamedTuple):
+    """Room for a lookahead: B states to look ahead from, and their B M successors."""
+
+    state: np.ndarray  # (B, D)
+    cost: np.ndarray  # (B,) discounted drive on the way here
+    keep: np.ndarray  # (B,) discount here
+    root: np.ndarray  # int (B,) first movement on the way here
+    open: np.ndarray  # bool (B, M)
+    next_state: np.ndarray  # (B M, D)
+    next_cost: np.ndarray
+    next_keep: np.ndarray
+    next_root: np.ndarray
+    score: np.ndarray  # (B M,)
+    taken: np.ndarray  # bool (B M,)
+    bias: np.ndarray  # (M, D + 1) correction of f
+    support: np.ndarray  # (M,) weight of the errors behind it
 
 
 class Way(NamedTuple):
@@ -353,6 +395,19 @@ def drive(s, zeta, own):
 
 
 @compiled
+def add_drive_slope(s, zeta, own, slope):
+    """Add dd/dzeta at one zeta (D,) to slope (D,); `own` (D,) is room to work in."""
+    drive(s, zeta, own)
+    total = s.epsilon
+    for v in range(len(own)):
+        total += own[v] * own[v]
+        slope[v] += s.felt[v]
+    factor = ONE / math.sqrt(total) if s.exponent == ONE else s.exponent * total ** (s.exponent * HALF - ONE)
+    for e in range(len(s.mix_from)):
+        slope[s.mix_from[e]] += factor * own[s.mix_to[e]] * s.mix_weight[e]
+
+
+@compiled
 def output(row, w, b):
     """Return w . row + b, a single output."""
     total = b
@@ -423,13 +478,13 @@ def silu_layer(x, w, b, out):
 
 
 @compiled
-def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, room, out):
+def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked, room, out):
     """Fill out (b, M) with the HJB score of the open movements, drive units; infinity for the others.
 
     Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'); or d + dJ/dzeta . f. With `hope`, Jn
     of a place unknown is lower by that share, as long as there are place cells to be given.
     """
-    hopes = hope > ZERO and 0 < cells < centres.shape[1]
+    hopes = hope[0] > ZERO and 0 < marked < marks.shape[1]
     base, width, parts = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1]
     k = base + cells
     inputs = base + centres.shape[1]
@@ -481,17 +536,230 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, room, out):
         flat = out.ravel()
         for r in range(count):
             value = room.outputs[r]
-            if hopes and unknown(s, room.ahead[r], centres, cells):
-                value *= ONE - hope
+            if hopes and unknown(s, room.ahead[r], marks, marked):
+                value -= hope[0] * value + hope[1]
             flat[room.which[r]] += room.keep[r] * value
 
 
 @compiled
+def alike(s, zeta, where):
+    """Return the squared distance between zeta (D,) and a place `where` (W,), in standard deviations."""
+    total = ZERO
+    for w in range(len(where)):
+        gap = zeta[s.where[w]] - where[w]
+        if s.turning[w]:
+            gap -= TURN * F(math.floor(gap / TURN + HALF))
+        gap *= s.nearness[w]
+        total += gap * gap
+    return total
+
+
+@compiled
+def recall(s, zeta, now, where, movement, error, time, count, bias, support):
+    """Fill `bias` (M, D + 1) with the error of f to be expected at zeta (D,) by movement, from those remembered.
+
+    A mean weighted by how near and how recent they are, with a prior of no error: Nadaraya-Watson regression.
+    """
+    bias[:], support[:] = ZERO, PRIOR
+    for k in range(min(count, len(movement))):
+        exponent = -HALF * alike(s, zeta, where[k]) - (now - time[k]) / FADING
+        if exponent > F(-8.0):
+            weight, m = exp32(exponent), movement[k]
+            support[m] += weight
+            for v in range(bias.shape[1]):
+                bias[m, v] += weight * error[k, v]
+    for m in range(len(support)):
+        for v in range(bias.shape[1]):
+            bias[m, v] /= support[m]
+
+
+@compiled
+def nearest(s, zeta, ring_zeta, lived):
+    """Return the position in the ring of the decision nearest to zeta (D,); newer ones count as nearer."""
+    capacity = len(ring_zeta)
+    best, found = F(np.inf), 0
+    for back in range(min(min(lived, capacity), s.searched)):
+        at = (lived - 1 - back) % capacity
+        total = F(back) * STALE
+        for w in range(len(s.where)):
+            gap = zeta[s.where[w]] - ring_zeta[at, s.where[w]]
+            if s.turning[w]:
+                gap -= TURN * F(math.floor(gap / TURN + HALF))
+            gap *= s.nearness[w]
+            total += gap * gap
+        if total < best:
+            best, found = total, at
+    return found
+
+
+@compiled
+def look_ahead(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked, memory, ring, room, beam, out):
+    """Fill out (M,) with the score of the open movements, the least over what may follow; infinity for the others.
+
+    A beam search over `depth` movements: the discounted drive on the way and J at its end. The best successor of every
+    first movement is kept, so all have the same depth. What is open at a predicted state is what was open at the
+    nearest decision remembered. `memory` is a row of `Trace` and the agent's age, `ring` one of `Ring`.
+    """
+    hopes = hope[0] > ZERO and 0 < marked < marks.shape[1]
+    now, where, traced, error, time, noted = memory
+    ring_zeta, ring_open, lived = ring
+    base, width, parts = len(s.plain) + 2 * len(s.angle), s.width, len(zeta)
+    k = base + cells
+    w1, b1, w2, b2, w3, b3 = layers(f_row, base + centres.shape[1], width)
+    nodes = 1
+    beam.state[0], beam.cost[0], beam.keep[0], beam.open[0] = zeta, ZERO, ONE, open_
+    out[:] = np.inf
+    for level in range(s.depth):
+        x = shaped(room.inputs, nodes, k)
+        features(s, beam.state[:nodes], centres, x)
+        h1, h2 = shaped(room.first, nodes, width), shaped(room.second, nodes, width)
+        relu_layer(x, w1[:k], b1, h1)
+        relu_layer(h1, w2, b2, h2)
+        raw = shaped(room.outputs, nodes, len(w3))
+        np.dot(h2, w3.T, raw)
+        count = 0
+        for r in range(nodes):
+            here = beam.state[r]
+            d = drive(s, here, room.own)
+            recall(s, here, now, where, traced, error, time, noted, beam.bias, beam.support)
+            for m in range(s.movements):
+                if not beam.open[r, m]:
+                    continue
+                o = m * (parts + 1)
+                tau = (raw[r, o + parts] + b3[o + parts]) * s.unit[parts] + beam.bias[m, parts]
+                tau = min(max(tau, s.dt), LONGEST)
+                ahead = beam.next_state[count]
+                for v in range(parts):
+                    change = (raw[r, o + v] + b3[o + v]) * s.unit[v] + beam.bias[m, v]
+                    ahead[v] = min(max(here[v] + change, s.low[v]), s.high[v])
+                keep = F(math.exp(tau * s.log_gamma))
+                beam.next_cost[count] = beam.cost[r] + beam.keep[r] * (ONE - keep) * HALF * (
+                    d + drive(s, ahead, room.own)
+                )
+                beam.next_keep[count] = beam.keep[r] * keep
+                beam.next_root[count] = m if level == 0 else beam.root[r]
+                count += 1
+        deviations(s, beam.next_state[:count], j_row, centres, cells, room)
+        for c in range(count):
+            value = room.outputs[c]
+            if hopes and unknown(s, beam.next_state[c], marks, marked):
+                value -= hope[0] * value + hope[1]
+            beam.score[c] = beam.next_cost[c] + beam.next_keep[c] * value
+        if level == s.depth - 1:
+            for c in range(count):
+                out[beam.next_root[c]] = min(out[beam.next_root[c]], beam.score[c])
+            break
+        nodes = keep_best(s, beam, count)
+        for r in range(nodes):
+            beam.open[r] = ring_open[nearest(s, beam.state[r], ring_zeta, lived)]
+
+
+@compiled
+def keep_best(s, beam, count):
+    """Keep the best successor of every first movement, and of the others the best that there is room for."""
+    beam.taken[:count] = False
+    nodes = 0
+    for m in range(s.movements):
+        best = -1
+        for c in range(count):
+            if beam.next_root[c] == m and (best < 0 or beam.score[c] < beam.score[best]):
+                best = c
+        if best >= 0:
+            nodes = keep_one(beam, best, nodes)
+    while nodes < min(count, len(beam.state)):
+        best = -1
+        for c in range(count):
+            if not beam.taken[c] and (best < 0 or beam.score[c] < beam.score[best]):
+                best = c
+        nodes = keep_one(beam, best, nodes)
+    return nodes
+
+
+@compiled
+def keep_one(beam, c, nodes):
+    """Make the successor c the next state to look ahead from; return how many there are."""
+    beam.taken[c] = True
+    beam.state[nodes] = beam.next_state[c]
+    beam.cost[nodes], beam.keep[nodes], beam.root[nodes] = beam.next_cost[c], beam.next_keep[c], beam.next_root[c]
+    return nodes + 1
+
+
+@compiled
+def decide_far(s, brains, ring, trace, slots, ages, zeta, open_, out):
+    """Fill out (k, M) with the scores of the agents `slots` (k,) at zeta (k, D), by looking ahead."""
+    base = len(s.plain) + 2 * len(s.angle)
+    parts = zeta.shape[1]
+    size = max(s.beam, s.movements)
+    outputs = s.movements * (parts + 1)
+    room = room_for(s, size * s.movements, parts, outputs, base + brains.cell_centre.shape[2], size)
+    beam = Beam(
+        np.empty((size, parts), F),
+        np.empty(size, F),
+        np.empty(size, F),
+        np.empty(size, np.int64),
+        np.empty((size, s.movements), np.bool_),
+        np.empty((size * s.movements, parts), F),
+        np.empty(size * s.movements, F),
+        np.empty(size * s.movements, F),
+        np.empty(size * s.movements, np.int64),
+        np.empty(size * s.movements, F),
+        np.empty(size * s.movements, np.bool_),
+        np.empty((s.movements, parts + 1), F),
+        np.empty(s.movements, F),
+    )
+    word = control_word()
+    set_control_word(word | ZEROED)
+    for r in range(len(slots)):
+        i = slots[r]
+        look_ahead(
+            s,
+            zeta[r],
+            open_[r],
+            brains.f[i],
+            brains.target[i],
+            brains.cell_centre[i],
+            brains.cell_count[i],
+            brains.hope[i],
+            brains.marks[i],
+            brains.marked[i],
+            (ages[r], trace.where[i], trace.movement[i], trace.error[i], trace.time[i], trace.count[i]),
+            (ring.zeta[i], ring.open[i], ring.lived[i]),
+            room,
+            beam,
+            out[r],
+        )
+    set_control_word(word)
+
+
+@compiled
+def expected(s, brains, slots, zeta, movement):
+    """Return what f predicts (k, D + 1) of one movement each (k,) of the agents `slots` (k,) at zeta (k, D)."""
+    base, width, parts = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1]
+    room = room_for(s, 1, parts, parts + 1, base + brains.cell_centre.shape[2], 1)
+    out = np.empty((len(slots), parts + 1), F)
+    for r in range(len(slots)):
+        i = slots[r]
+        centres, cells = brains.cell_centre[i], brains.cell_count[i]
+        k = base + cells
+        w1, b1, w2, b2, w3, b3 = layers(brains.f[i], base + centres.shape[1], width)
+        x = shaped(room.inputs, 1, k)
+        features(s, zeta[r : r + 1], centres, x)
+        h1, h2 = shaped(room.first, 1, width), shaped(room.second, 1, width)
+        relu_layer(x, w1[:k], b1, h1)
+        relu_layer(h1, w2, b2, h2)
+        o = movement[r] * (parts + 1)
+        for v in range(parts + 1):
+            out[r, v] = output(h2[0], w3[o + v], b3[o + v]) * s.unit[v]
+        out[r, parts] = min(max(out[r, parts], s.dt), LONGEST)
+    return out
+
+
+@compiled
 def unknown(s, zeta, centres, cells):
-    """Return whether zeta (D,) is farther than the spacing from all place cells."""
+    """Return whether zeta (D,) is farther than the spacing from all marks."""
     for c in range(cells):
         gap_x, gap_y = centres[0, c] - zeta[s.place[0]], centres[1, c] - zeta[s.place[1]]
-        if gap_x * gap_x + gap_y * gap_y <= s.apart:
+        if gap_x * gap_x + gap_y * gap_y <= centres[2, c]:
             return False
     return True
 
@@ -508,7 +776,8 @@ def deviations(s, zeta, j_row, centres, cells, room):
     silu_layer(x, w1[:k], b1, hidden)
     silu_layer(hidden, w2, b2, hidden2)
     for r in range(rows):
-        room.outputs[r] = s.centre_j + s.spread_j * output(hidden2[r], w3[0], b3[0])
+        base_j = drive(s, zeta[r], room.own) if s.anchored else s.centre_j
+        room.outputs[r] = base_j + s.spread_j * output(hidden2[r], w3[0], b3[0])
 
 
 @compiled
@@ -554,6 +823,8 @@ def slopes(s, zeta, j_row, centres, cells, room):
             pull = towards[r, base + c] * x[r, base + c] * s.sharp
             row[s.place[0]] += pull * (centres[0, c] - zeta[r, s.place[0]])
             row[s.place[1]] += pull * (centres[1, c] - zeta[r, s.place[1]])
+        if s.anchored:
+            add_drive_slope(s, zeta[r], room.own, row)
 
 
 @compiled
@@ -788,9 +1059,15 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
     g3[:] = ZERO
     gb3[:] = ZERO
     for r in range(b):
-        residual = s.centre_j + s.spread_j * output(h2[r], w3[0], b3[0]) - goal[r]
+        base_j = drive(s, zeta[r], room.own) if s.anchored else s.centre_j
+        residual = base_j + s.spread_j * output(h2[r], w3[0], b3[0]) - goal[r]
         if printed:
             residual += s.spread_j * output(h2[b + r], w3[0], ZERO) / s.log_gamma
+            if s.anchored:
+                room.slope[r] = ZERO
+                add_drive_slope(s, zeta[r], room.own, room.slope[r])
+                for v in range(zeta.shape[1]):
+                    residual += room.slope[r, v] * rate[r, v] / s.log_gamma
         weight = ONE
         if s.weight_top > ZERO:
             weight = s.weight_top / (s.weight_floor + drive(s, zeta[r], room.own))
@@ -920,13 +1197,29 @@ def decide_each(s, brains, slots, rows, room):
             zeta[r : r + 1],
             open_[r : r + 1],
             brains.f[i],
-            brains.J[i],
+            brains.target[i],
             brains.cell_centre[i],
             brains.cell_count[i],
             brains.hope[i],
+            brains.marks[i],
+            brains.marked[i],
             room,
             out[r : r + 1],
         )
+
+
+@compiled
+def expected_score(s, score):
+    """Return the mean score (M,) of one that explores with the share `explored`, and else takes the least."""
+    least, total, weight = score[0], ZERO, ZERO
+    for m in range(len(score)):
+        least = min(least, score[m])
+        if score[m] < np.inf:
+            total += score[m] / s.length[m]
+            weight += ONE / s.length[m]
+    if weight == ZERO:
+        return least
+    return least + s.explored * (total / weight - least)
 
 
 @compiled
@@ -970,6 +1263,7 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
     inputs = base + brains.cell_centre.shape[2]
     _, _, _, _, g3_f, gb3_f = layers(g_f, inputs, s.width)
     always = np.ones(1, np.bool_)  # J has one head
+    no_hope = np.zeros(2, F)  # the target holds no optimism, so J stays what has been met
     rows = b if s.finite or s.minimum else 2 * b  # of learn_j
     for i in range(start, stop):
         if not ready[i]:
@@ -1014,12 +1308,22 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
         if m:
             imagine(s, zeta, uniform[b + bf :], draws.normal[i], m)
         if s.minimum or s.finite:
-            scores(s, zeta, open_, brains.f[i], brains.target[i], centres, cells, brains.hope[i], room, table)
+            scores(
+                s,
+                zeta,
+                open_,
+                brains.f[i],
+                brains.target[i],
+                centres,
+                cells,
+                no_hope,
+                brains.marks[i],
+                brains.marked[i],
+                room,
+                table,
+            )
             for r in range(b):
-                least = table[r, 0]
-                for v in range(1, s.movements):
-                    least = min(least, table[r, v])
-                goal[r] = min(max(least, ZERO), s.ceiling)
+                goal[r] = min(max(expected_score(s, table[r]), ZERO), s.ceiling)
         else:
             executed(s, zeta, done, brains.f[i], centres, cells, room, pace)
             for r in range(b):
@@ -1044,10 +1348,23 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
         if s.slow:
             slow, fast = brains.target[i], brains.J[i]
             for p in range(len(slow)):
-                slow[p] += POLYAK * (fast[p] - slow[p])
+                slow[p] += s.polyak * (fast[p] - slow[p])
         if ahead.open[i].any():
             here, options, table_ahead = ahead.zeta[i : i + 1], ahead.open[i : i + 1], ahead.score[i : i + 1]
-            scores(s, here, options, brains.f[i], brains.J[i], centres, cells, brains.hope[i], room, table_ahead)
+            scores(
+                s,
+                here,
+                options,
+                brains.f[i],
+                brains.target[i],
+                centres,
+                cells,
+                brains.hope[i],
+                brains.marks[i],
+                brains.marked[i],
+                room,
+                table_ahead,
+            )
 
 
 @compiled
@@ -1074,7 +1391,7 @@ def value_at(s, brains, slot, zeta):
     """Return Jn (m,) of one agent at zeta (m, D)."""
     parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
     room = room_for(s, len(zeta), parts, 1, inputs, 1)
-    deviations(s, zeta, brains.J[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
+    deviations(s, zeta, brains.target[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
     return room.outputs[: len(zeta)].copy()
 
 
@@ -1083,7 +1400,7 @@ def slope_at(s, brains, slot, zeta):
     """Return dJn/dzeta (m, D) of one agent at zeta (m, D)."""
     parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
     room = room_for(s, len(zeta), parts, 1, inputs, len(zeta))
-    slopes(s, zeta, brains.J[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
+    slopes(s, zeta, brains.target[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
     return room.slope
 
 

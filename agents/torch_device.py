@@ -17,11 +17,15 @@ from torch import Tensor
 from torch.nn import functional
 
 from agents.device import Device
+from agents.kernels import FADING as FADES
 from agents.kernels import LONGEST as LIMIT
-from agents.kernels import POLYAK, Ahead, Brains, Draws, Ring, Senses
+from agents.kernels import PRIOR as NO_ERROR
+from agents.kernels import STALE as STALENESS
+from agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 
 ROOM = 2**31  # bytes to work in; agents are taken in parts that fit
 LONGEST = float(LIMIT)  # units of time, of a predicted duration
+PRIOR, FADING, STALE, TURN = float(NO_ERROR), float(FADES), float(STALENESS), 2 * math.pi
 BETA1, BETA2, TINY = 0.9, 0.999, 1e-8  # of Adam
 
 
@@ -112,8 +116,8 @@ class Torch(Device):
 
     def _J(self, zeta: Tensor, layers: list[Tensor], centres: Tensor, cells: Tensor) -> Tensor:  # noqa: N802
         """Return Jn (a, R), in drive units."""
-        raw = self._outputs(self._features(zeta, centres, cells), layers, functional.silu)
-        return self.senses.centre_j + self.senses.spread_j * raw[..., 0]
+        s, raw = self.senses, self._outputs(self._features(zeta, centres, cells), layers, functional.silu)
+        return (self._drive(zeta) if s.anchored else s.centre_j) + s.spread_j * raw[..., 0]
 
     def _slope(self, zeta: Tensor, layers: list[Tensor], centres: Tensor, cells: Tensor, *, graph: bool) -> Tensor:
         """Return dJn/dzeta (a, R, D), with `graph` differentiable in the weights."""
@@ -127,7 +131,7 @@ class Torch(Device):
         return found[..., :-1], found[..., -1].clamp(self.senses.dt, LONGEST)
 
     def _table(
-        self, zeta: Tensor, open_: Tensor, f: list[Tensor], j: list[Tensor], hope: Tensor, *where: Tensor
+        self, zeta: Tensor, open_: Tensor, f: list[Tensor], j: list[Tensor], known: tuple[Tensor, ...], *where: Tensor
     ) -> Tensor:
         """Return the HJB score (a, R, M) of the open movements at zeta (a, R, D), infinity elsewhere."""
         s = self.senses
@@ -137,7 +141,9 @@ class Torch(Device):
             keep = torch.exp(tau * s.log_gamma)
             ends = 0.5 * (self._drive(zeta)[..., None] + self._drive(ahead))
             value = self._J(ahead.flatten(1, 2), j, *where)
-            value = torch.where(self._unknown(ahead.flatten(1, 2), *where), (1 - hope[:, None]) * value, value)
+            if known:
+                hoped = self._hoped(value, known[0])
+                value = torch.where(self._unknown(ahead.flatten(1, 2), *known[1:]), hoped, value)
             score = (1 - keep) * ends + keep * value.view_as(keep)
         else:
             rate = change / tau[..., None]
@@ -145,27 +151,143 @@ class Torch(Device):
             score = self._drive(zeta[:, :, None] + rate * s.dt) - climb / s.log_gamma
         return score.masked_fill(~open_, math.inf)
 
-    def _unknown(self, zeta: Tensor, centres: Tensor, cells: Tensor) -> Tensor:
-        """Return which of zeta (a, R, D) lie beyond the spacing of all place cells; none where no cell is left."""
-        count = centres.shape[-1]
-        exact = "donot_use_mm_for_euclid_dist"
-        away = torch.cdist(zeta[..., self.senses.place], centres.transpose(1, 2), compute_mode=exact)  # (a, R, C)
-        given = torch.arange(count, device=self.name) < cells[:, None]
-        known = ((away.square() <= self.senses.apart) & given[:, None]).any(-1)
-        return ~known & ((cells > 0) & (cells < count))[:, None]
+    @staticmethod
+    def _hoped(value: Tensor, hope: Tensor) -> Tensor:
+        """Return Jn (a, R) as it is taken to be where it is unknown."""
+        return value - hope[:, :1] * value - hope[:, 1:]
+
+    def _unknown(self, zeta: Tensor, marks: Tensor, marked: Tensor) -> Tensor:
+        """Return which of zeta (a, R, D) lie beyond the reach of all marks; none where no mark is left to be set."""
+        count = marks.shape[-1]
+        if not count:
+            return torch.zeros(zeta.shape[:2], dtype=torch.bool, device=self.name)
+        gap = zeta[..., self.senses.place, None] - marks[:, None, :2]  # (a, R, 2, K)
+        given = torch.arange(count, device=self.name) < marked[:, None]
+        known = ((gap.square().sum(2) <= marks[:, None, 2]) & given[:, None]).any(-1)
+        return ~known & ((marked > 0) & (marked < count))[:, None]
 
     # ---- acting -------------------------------------------------------------------------------
 
     @torch.no_grad()
-    def scores(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:  # noqa: D102
+    def scores(  # noqa: D102
+        self,
+        brains: Brains,
+        ring: Ring,
+        trace: Trace,
+        ages: np.ndarray,
+        slots: np.ndarray,
+        zeta: np.ndarray,
+        open_: np.ndarray,
+    ) -> np.ndarray:
+        if self.senses.depth == 1 and not trace.where.shape[1]:
+            return self._near_scores(brains, slots, zeta, open_)
+        at, states, options, now = self.on(slots), self.on(zeta)[:, None], self.on(open_)[:, None], self.on(ages)
+        lived = self.on(ring.lived)
+        found = []
+        for part in self._parts(len(slots), brains, self._beam()):
+            who = at[part]
+            own, memory = (
+                type(whole)(*(array[who] for array in whole)) for whole in (brains, ring._replace(lived=lived))
+            )
+            noted = Trace(*(self.on(array[slots[part]]) for array in trace))
+            found.append(self._look_ahead(states[part], options[part], own, memory, noted, now[part]))
+        return self.off(torch.cat(found))
+
+    def _near_scores(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
+        """Return the score (k, M) of one movement, nothing corrected."""
         at, states, options = self.on(slots), self.on(zeta)[:, None], self.on(open_)[:, None]
         found = []
         for part in self._parts(len(slots), brains, 1):
-            who = at[part]
-            centres, cells = brains.cell_centre[who], brains.cell_count[who]
-            f, j = (self._layers(rows[who], self._inputs(brains)) for rows in (brains.f, brains.J))
-            found.append(self._table(states[part], options[part], f, j, brains.hope[who], centres, cells)[:, 0])
+            own = Brains(*(array[at[part]] for array in brains))
+            f, j = (self._layers(rows, self._inputs(brains)) for rows in (own.f, own.target))
+            known = (own.hope, own.marks, own.marked)
+            found.append(self._table(states[part], options[part], f, j, known, own.cell_centre, own.cell_count)[:, 0])
         return self.off(torch.cat(found))
+
+    def _beam(self) -> int:
+        return max(self.senses.beam, self.senses.movements)
+
+    def _look_ahead(
+        self,
+        state: Tensor,
+        open_: Tensor,
+        own: Brains,
+        ring: Ring,
+        trace: Trace,
+        now: Tensor,
+    ) -> Tensor:
+        """Return the score (a, M) of the open movements at one state (a, 1, D), as `kernels.look_ahead` does."""
+        s, where = self.senses, (own.cell_centre, own.cell_count)
+        f, j = (self._layers(rows, self._inputs(own)) for rows in (own.f, own.target))
+        a, count = len(state), s.movements
+        cost = torch.zeros(a, 1, device=self.name)
+        keep = torch.ones_like(cost)
+        root = None
+        out = torch.full((a, count), math.inf, device=self.name)
+        for level in range(s.depth):
+            raw = self._f(state, f, *where) * s.unit + self._recalled(state, trace, now)
+            tau = raw[..., -1].clamp(s.dt, LONGEST)  # (a, R, M)
+            ahead = (state[:, :, None] + raw[..., :-1]).clamp(s.low, s.high)
+            faded = torch.exp(tau * s.log_gamma)
+            ends = 0.5 * (self._drive(state)[..., None] + self._drive(ahead))
+            cost = (cost[..., None] + keep[..., None] * (1 - faded) * ends).flatten(1)
+            keep = (keep[..., None] * faded).flatten(1)
+            first = torch.arange(count, device=self.name).expand(a, state.shape[1], count)
+            root = (first if root is None else root[..., None].expand_as(first)).flatten(1)
+            state, possible = ahead.flatten(1, 2), open_.flatten(1)
+            value = self._J(state, j, *where)
+            value = torch.where(self._unknown(state, own.marks, own.marked), self._hoped(value, own.hope), value)
+            score = (cost + keep * value).masked_fill(~possible, math.inf)  # (a, R M)
+            of_root = torch.full((a, score.shape[1], count), math.inf, device=self.name)
+            of_root.scatter_(2, root[..., None], score[..., None])
+            out, best = of_root.min(1)
+            if level == s.depth - 1:
+                break
+            # the best successor of every first movement, then the best of the others
+            kept = score.scatter(1, best, score.gather(1, best).where(out == math.inf, -math.inf))
+            size = min(self._beam(), kept.shape[1])
+            rank, chosen = kept.topk(size, largest=False)
+            state = state.gather(1, chosen[..., None].expand(-1, -1, state.shape[2]))
+            cost, keep, root = cost.gather(1, chosen), keep.gather(1, chosen), root.gather(1, chosen)
+            open_ = self._nearest_open(state, ring) & (rank < math.inf)[..., None]
+        return out
+
+    def _apart(self, zeta: Tensor, places: Tensor) -> Tensor:
+        """Return squared distances (a, R, K) of zeta (a, R, D) from places (a, K, W), in standard deviations."""
+        s = self.senses
+        gap = zeta[..., s.where][:, :, None] - places[:, None]
+        gap = torch.where(s.turning, gap - TURN * torch.floor(gap / TURN + 0.5), gap)
+        return (gap * s.nearness).square().sum(-1)
+
+    def _recalled(self, zeta: Tensor, trace: Trace, now: Tensor) -> Tensor:
+        """Return the error of f to be expected (a, R, M, D + 1) at zeta (a, R, D), see `kernels.recall`."""
+        s = self.senses
+        size = trace.where.shape[1]
+        exponent = -0.5 * self._apart(zeta, trace.where) - ((now[:, None] - trace.time) / FADING)[:, None]
+        there = torch.arange(size, device=self.name) < trace.count[:, None]
+        weight = torch.where((exponent > -8.0) & there[:, None], exponent.exp(), 0.0)  # (a, R, L)
+        did = functional.one_hot(trace.movement.long(), s.movements).float()  # (a, L, M)
+        total = torch.einsum("arl,alm,ald->armd", weight, did, trace.error)
+        return total / (PRIOR + weight @ did)[..., None]
+
+    def _nearest_open(self, zeta: Tensor, ring: Ring) -> Tensor:
+        """Return what was open (a, R, M) at the decision remembered that is nearest to zeta (a, R, D)."""
+        capacity = ring.zeta.shape[1]
+        back = torch.arange(min(self.senses.searched, capacity), device=self.name)
+        at = (ring.lived[:, None] - 1 - back) % capacity  # (a, K)
+        places = self._picked(ring.zeta, at)[..., self.senses.where]
+        gap = self._apart(zeta, places) + back * STALE
+        gap = gap.masked_fill((back >= ring.lived[:, None])[:, None], math.inf)
+        return self._picked(ring.open, at.gather(1, gap.argmin(-1)))
+
+    @torch.no_grad()
+    def expected(self, brains: Brains, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
+        at = self.on(slots)
+        layers = self._layers(brains.f[at], self._inputs(brains))
+        raw = self._f(self.on(zeta)[:, None], layers, brains.cell_centre[at], brains.cell_count[at]) * self.senses.unit
+        raw = self._executed(raw, self.on(movement)[:, None])[:, 0]
+        raw[:, -1].clamp_(self.senses.dt, LONGEST)
+        return self.off(raw)
 
     def _inputs(self, brains: Brains) -> int:
         return len(self.senses.plain) + 2 * len(self.senses.angle) + brains.cell_centre.shape[2]
@@ -207,7 +329,7 @@ class Torch(Device):
         loss_f[ready], loss_j[ready] = losses[0, ready], losses[1, ready]
         asked = np.flatnonzero(ahead.open.any(1))
         if asked.size:
-            ahead.score[asked] = self.scores(brains, asked, ahead.zeta[asked], ahead.open[asked])
+            ahead.score[asked] = self._near_scores(brains, asked, ahead.zeta[asked], ahead.open[asked])
 
     def _step(self, own: Brains, ring: Ring, draws: Draws, learns: Tensor, rate: Tensor) -> Tensor:
         """Take one step on L_f and L_J for a agents, all views of what the device holds; return both losses (2, a)."""
@@ -243,7 +365,7 @@ class Torch(Device):
         else:
             did = functional.one_hot(movement.clamp(min=0).long(), s.movements).bool()
             open_ = self._picked(ring.open, at) if s.minimum else did
-            goal = self._table(zeta, open_, f, target, own.hope, *where).amin(-1).clamp(0.0, s.ceiling)
+            goal = self._expected_score(self._table(zeta, open_, f, target, (), *where)).clamp(0.0, s.ceiling)
 
         # J
         leaves = [layer.detach().requires_grad_() for layer in self._layers(own.J, inputs)]
@@ -257,8 +379,15 @@ class Torch(Device):
             loss_j.sum().backward()
         self._adam(own.J, leaves, own.J_first, own.J_second, own.J_steps, rate, learns, torch.ones_like(learns))
         if s.slow:
-            own.target.lerp_(own.J, float(POLYAK) * learns.float())
+            own.target.lerp_(own.J, s.polyak * learns.float())
         return torch.stack([loss_f.detach(), loss_j.detach()])
+
+    def _expected_score(self, score: Tensor) -> Tensor:
+        """Return the mean score (a, R) of one that explores as `kernels.expected_score` has it, of scores (a, R, M)."""
+        s, least = self.senses, score.amin(-1)
+        share = torch.where(score < math.inf, 1 / s.length, 0.0)
+        mean = (share * score.nan_to_num(posinf=0.0)).sum(-1) / share.sum(-1).clamp(min=1e-30)
+        return torch.where(share.sum(-1) > 0, least + s.explored * (mean - least), least)
 
     def _positions(self, ring: Ring, uniform: Tensor, late: int, recent: int) -> Tensor:
         """Return positions in the ring (a, b); the last `late` of them are among the `recent` decisions."""
@@ -347,10 +476,10 @@ class Torch(Device):
         return self.on(zeta)[None], layers, brains.cell_centre[one], brains.cell_count[one]
 
     def value(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:  # noqa: D102
-        return self.off(self._J(*self._of(brains.J, brains, slot, zeta))[0])
+        return self.off(self._J(*self._of(brains.target, brains, slot, zeta))[0])
 
     def slope(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:  # noqa: D102
-        return self.off(self._slope(*self._of(brains.J, brains, slot, zeta), graph=False)[0])
+        return self.off(self._slope(*self._of(brains.target, brains, slot, zeta), graph=False)[0])
 
     def forecast(self, brains: Brains, slot: int, zeta: np.ndarray) -> np.ndarray:  # noqa: D102
         return self.off(self._f(*self._of(brains.f, brains, slot, zeta))[0].flatten(1))

@@ -121,7 +121,8 @@ class PlainAgent:
     def deviation(self, zeta: Tensor, network_: nn.Module) -> Tensor:
         """Return Jn at zeta (b, D), drive units."""
         out = network_(self.features(zeta))[:, 0]
-        return self.worst * (hjb.J_CENTRE + hjb.J_SPREAD * out)
+        base = self.drive(zeta) if self.s.learn_value else self.worst * hjb.J_CENTRE
+        return base + self.worst * hjb.J_SPREAD * out
 
     def slope(self, zeta: Tensor, network_: nn.Module) -> Tensor:
         """Return dJn/dzeta, differentiable in the weights."""
@@ -133,8 +134,8 @@ class PlainAgent:
         out = self.f(self.features(zeta)).view(len(zeta), self.count, self.parts + 1) * self.unit
         return out[..., :-1], out[..., -1].clamp(self.dt, 300.0)
 
-    def scores(self, zeta: Tensor, network_: nn.Module) -> Tensor:
-        """Return the HJB score of all movements, (b, M)."""
+    def scores(self, zeta: Tensor, network_: nn.Module, *, hopes: bool = True) -> Tensor:
+        """Return the HJB score of all movements, (b, M), with optimism about the unknown or without."""
         with torch.no_grad():
             change, duration = self.changes(zeta)
         if self.s.finite_difference:
@@ -142,23 +143,85 @@ class PlainAgent:
                 after = torch.minimum(torch.maximum(zeta[:, None] + change, self.low), self.high)
                 keep = self.s.gamma**duration
                 ahead = self.deviation(after.flatten(0, 1), network_).view(keep.shape)
-                ahead = torch.where(self.unknown(after), ahead * (1 - float(self.own(self.learner.hope))), ahead)
+                if hopes:
+                    ahead = self.hoped(after, ahead)
                 return (1 - keep) * 0.5 * (self.drive(zeta)[:, None] + self.drive(after)) + keep * ahead
         rate = change / duration[..., None]
         climb = (self.slope(zeta, network_)[:, None] * rate).sum(-1)
         return self.drive(zeta[:, None] + rate * self.dt) - climb / math.log(self.s.gamma)
 
-    def unknown(self, zeta: Tensor) -> Tensor:
-        """Return which of zeta (..., D) are farther than the spacing from all place cells, if more can be given."""
-        count = int(self.own(self.learner.cell_count))
-        if not 0 < count < self.learner.cells:
-            return torch.zeros(zeta.shape[:-1], dtype=torch.bool)
-        centres = torch.from_numpy(self.own(self.learner.cell_centre).T)[:count]
-        return torch.cdist(zeta[..., self.place], centres).amin(-1) > self.s.place_spacing
+    def hoped(self, zeta: Tensor, value: Tensor) -> Tensor:
+        """Return Jn (...) at zeta (..., D) as an optimist takes it: lower where zeta is beyond the reach of all marks."""
+        share, more = self.own(self.learner.hope)
+        marks, marked = (self.own(array) for array in self.learner.curiosity.places)
+        if not 0 < marked < marks.shape[1]:
+            return value
+        x, y, reach = torch.from_numpy(marks[:, :marked])
+        here = zeta[..., self.place]
+        known = ((here[..., :1] - x).square() + (here[..., 1:] - y).square() <= reach).any(-1)
+        return torch.where(known, value, (1 - share) * value - more)
+
+    def apart(self, here: Tensor, there: Tensor) -> float:
+        """Return the squared distance of two states, in standard deviations of the kernel, needs left out."""
+        total = 0.0
+        for v, kind in enumerate(self.learner.group.layout.kinds):
+            gap = float(here[v] - there[v])
+            if kind == "angle":
+                total += (math.remainder(gap, 2 * math.pi) / self.s.near_angle) ** 2
+            elif kind == "position":
+                total += (gap / self.s.near) ** 2
+            elif kind not in ("deviation", "felt"):
+                total += (2 * gap / float(self.scale[v])) ** 2
+        return total
+
+    def recalled(self, zeta: Tensor, movement: int) -> Tensor:
+        """Return the error of f (D + 1,) that is to be expected of a movement at zeta (D,), from those remembered."""
+        trace, slot = self.learner.trace, self.slot
+        total, weight = torch.zeros(self.parts + 1), float(kernels.PRIOR)
+        for k in range(min(int(trace.count[slot]), trace.movement.shape[1])):
+            there = torch.zeros(self.parts)
+            there[self.learner.senses.where] = torch.from_numpy(trace.where[slot, k])
+            age = float(self.learner._now()[slot] - trace.time[slot, k])
+            exponent = -0.5 * self.apart(zeta, there) - age / float(kernels.FADING)
+            if trace.movement[slot, k] == movement and exponent > -8:
+                weight += math.exp(exponent)
+                total += math.exp(exponent) * torch.from_numpy(trace.error[slot, k])
+        return total / weight
+
+    def open_near(self, zeta: Tensor) -> np.ndarray:
+        """Return what was open (M,) at the remembered decision nearest to zeta (D,)."""
+        ring, count = self.learner.ring, int(self.learner.memory.count[self.slot])
+        states, open_ = self.own(ring.zeta), self.own(ring.open)
+        newest = [(count - 1 - back) % len(states) for back in range(min(count, len(states), self.s.searched))]
+        gaps = [self.apart(zeta, torch.from_numpy(states[at])) + back * 1e-4 for back, at in enumerate(newest)]
+        return open_[newest[int(np.argmin(gaps))]]
+
+    def look_ahead(self, zeta: Tensor, open_: np.ndarray) -> np.ndarray:
+        """Return the score (M,) of the open movements at zeta (D,): the least over what the beam finds to follow."""
+        nodes = [(zeta, 0.0, 1.0, -1, open_)]  # state, discounted drive so far, discount, first movement, what is open
+        for level in range(self.s.depth):
+            found = []
+            for state, cost, keep, root, possible in nodes:
+                out = self.f(self.features(state[None])).view(self.count, self.parts + 1) * self.unit
+                for m in np.flatnonzero(possible):
+                    told = out[m] + self.recalled(state, int(m))
+                    after = torch.minimum(torch.maximum(state + told[:-1], self.low), self.high)
+                    fade = self.s.gamma ** float(told[-1].clamp(self.dt, 300.0))
+                    spent = cost + keep * (1 - fade) * 0.5 * float(self.drive(state) + self.drive(after))
+                    value = self.hoped(after[None], self.deviation(after[None], self.slow))
+                    score = spent + keep * fade * float(value)
+                    found.append((score, len(found), after, spent, keep * fade, int(m) if level == 0 else root))
+            best = {root: min(each for each in found if each[-1] == root) for root in {each[-1] for each in found}}
+            if level == self.s.depth - 1:
+                return np.array([best[m][0] if m in best else math.inf for m in range(self.count)])
+            rest = sorted(each for each in found if each not in best.values())
+            kept = [*best.values(), *rest][: max(self.s.beam, self.count)]
+            nodes = [(after, spent, keep, root, self.open_near(after)) for _, _, after, spent, keep, root in kept]
+        raise AssertionError
 
     def best(self, zeta: np.ndarray, open_: np.ndarray) -> int:
         """Return the open movement of least score at one zeta (D,)."""
-        score = self.scores(torch.from_numpy(zeta)[None], self.J).detach().numpy()[0]
+        score = self.scores(torch.from_numpy(zeta)[None], self.slow).detach().numpy()[0]
         return int(np.where(open_, score, np.inf).argmin())
 
     def positions(self, uniform: np.ndarray) -> np.ndarray:
@@ -191,6 +254,13 @@ class PlainAgent:
                 zeta[r, v] = min(max(drawn, self.low[v]), self.high[v])
         return zeta
 
+    def expected_score(self, score: Tensor) -> Tensor:
+        """Return the mean score (b,) of one that takes the least of scores (b, M), and sometimes any that is finite."""
+        share = torch.where(torch.isfinite(score), 1 / torch.from_numpy(self.learner.moves.length).float(), 0.0)
+        mean = (share * score.nan_to_num(posinf=0.0)).sum(1) / share.sum(1)
+        explores = self.s.epsilon_final if self.s.target_explores else 0.0
+        return (1 - explores) * score.amin(1) + explores * mean
+
     def update(self, uniform: np.ndarray, normal: np.ndarray, rate: float) -> tuple[float, float]:
         """Take one step on L_f and L_J with the random numbers of this agent; return both losses."""
         s, ring = self.s, self.learner.ring
@@ -220,10 +290,10 @@ class PlainAgent:
         zeta = self.imagine(zeta, uniform[b + bf :], normal, m)
         if s.minimum_in_loss:
             known = torch.ones_like(known)
-            score = self.scores(zeta, self.slow).detach()
-            goal = score.masked_fill(~torch.from_numpy(open_), math.inf).amin(1)
+            score = self.scores(zeta, self.slow, hopes=False).detach()
+            goal = self.expected_score(score.masked_fill(~torch.from_numpy(open_), math.inf))
         elif s.finite_difference:
-            goal = self.scores(zeta, self.slow).detach()[torch.arange(b), executed]
+            goal = self.scores(zeta, self.slow, hopes=False).detach()[torch.arange(b), executed]
         else:
             change, duration = self.changes(zeta)
             pace = (change / duration[..., None]).detach()[torch.arange(b), executed]
@@ -241,5 +311,5 @@ class PlainAgent:
         if s.target_network:
             with torch.no_grad():
                 for slow, fast in zip(self.slow.parameters(), self.J.parameters(), strict=True):
-                    slow.lerp_(fast, float(kernels.POLYAK))
+                    slow.lerp_(fast, s.polyak)
         return loss_f.item(), loss_j.item()

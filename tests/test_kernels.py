@@ -24,12 +24,22 @@ from scenarios import _run
 from scenarios._plan import resolve
 from scenarios.cli import main
 
-SMALL = {"width": 16, "batch": 12, "batch_f": 20, "place_cells": 8, "memory": 60, "recent": 20}
+SMALL = {
+    "width": 16,
+    "batch": 12,
+    "batch_f": 20,
+    "place_cells": 8,
+    "memory": 60,
+    "recent": 20,
+    "errors": 12,
+    "beam": 16,
+}
 PRINTED = {**ALGORITHM1, "width": 16}
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": SMALL,
     "algorithm1": PRINTED,
     "algorithm1 from batches, with place cells": {**PRINTED, "replay": True, **SMALL},
+    "algorithm1 that learns the value": {**PRINTED, "learn_value": True},
     "lazy heads": {**SMALL, "batch_f": 5, "lazy_heads": True},
     "algorithm1 with heads that move on": {**PRINTED, "lazy_heads": False},
     "without target network and weight": {**SMALL, "target_network": False, "relative_weight": False},
@@ -39,6 +49,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "nothing imagined": {**SMALL, "imagined": 0.0},
     "less optimistic": {**SMALL, "optimism": 0.4},
     "not optimistic": {**SMALL, "optimism": 0.0},
+    "one movement ahead": {**SMALL, "depth": 1, "errors": 0},
+    "one movement ahead, errors corrected": {**SMALL, "depth": 1},
+    "two movements ahead, nothing corrected": {**SMALL, "depth": 2, "errors": 0},
+    "a narrow beam": {**SMALL, "beam": 1},
+    "J itself": {**SMALL, "learn_value": False},
+    "a target that does not explore": {**SMALL, "target_explores": False},
 }
 
 
@@ -80,11 +96,26 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
     arrays["target"] = arrays["J"].copy()
     if learner.settings.target_network:
         arrays["target"] += rng.normal(scale=0.05, size=arrays["J"].shape)
-    low, high = group.layout.low, group.layout.high
+    if learner.hopes:
+        arrays["marked"] = rng.integers(1, 6, n)
+        arrays["marks"][:, :2] = rng.uniform(0, 6, arrays["marks"][:, :2].shape)
+        arrays["marks"][:, 2] = rng.uniform(0.1, 1.0, arrays["marks"][:, 2].shape)
+    size = learner.settings.errors
+    if size:
+        arrays["trace.count"] = np.array([size + 3, 5, size])[np.arange(n) % 3]
+        arrays["clock"] = np.full(n, 900)
+        where = learner.senses.where
+        arrays["trace.where"] = rng.uniform(
+            *(edge[where] for edge in (group.layout.low, group.layout.high)), (n, size, len(where))
+        ).astype(np.float32)
+        arrays["trace.movement"] = rng.integers(0, learner.count, (n, size)).astype(np.int16)
+        arrays["trace.error"] = rng.normal(scale=0.3, size=(n, size, learner.components + 1)).astype(np.float32)
+        arrays["trace.time"] = rng.uniform(0, 900, (n, size)).astype(np.float32)
     if learner.cells:
         arrays["cell_count"] = rng.integers(1, learner.cells + 1, n)
         arrays["cell_centre"] = rng.uniform(0, 6, arrays["cell_centre"].shape).astype(np.float32)
     learner.restore(arrays, values)
+    low, high = group.layout.low, group.layout.high
     for slot in range(n):
         for _ in range(30 + 40 * slot):
             zeta, after = (rng.uniform(low, high)[None].astype(np.float32) for _ in range(2))
@@ -94,6 +125,11 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
             learner.memory.add(np.array([slot]), zeta, movement, after, rng.uniform(1, 20, 1), open_)
     learner._hope()
     return learner
+
+
+def scored(learner: HJB, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
+    """Return the scores (k, M) of the open movements at zeta (k, D), as a decision has them."""
+    return learner.device.scores(learner.brains, learner.ring, learner.trace, learner._now()[slots], slots, zeta, open_)
 
 
 def compare_updates(learner: HJB, updates: int = 6) -> None:
@@ -161,7 +197,7 @@ def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: 
         assert np.array_equal(ahead.zeta[rows], zeta)
         assert np.array_equal(ahead.open[rows], learner.moves.open(mask))
         if rows.size:
-            found = learner.device.scores(learner.brains, rows, zeta, ahead.open[rows])
+            found = scored(learner, rows, zeta, ahead.open[rows])
             np.testing.assert_allclose(ahead.score[rows], found, rtol=1e-5, atol=1e-6)
             ahead.score[rows] = np.where(ahead.open[rows], 1.0, np.inf)  # all alike: the first that is open is taken
             ahead.score[rows, ahead.open[rows].argmax(axis=1)] = 0.0
@@ -185,20 +221,28 @@ def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
     layout = learner.group.layout
     zeta = rng.uniform(layout.low, layout.high, (3, learner.components)).astype(np.float32)
     open_ = rng.random((3, learner.count)) < 0.5
-    score = learner.device.scores(learner.brains, np.array([2, 0, 1]), zeta, open_)
+    score = scored(learner, np.array([2, 0, 1]), zeta, open_)
+    far = learner.settings.depth > 1 or learner.settings.errors > 0
     for row, slot in enumerate((2, 0, 1)):
         plain = PlainAgent(learner, slot)
         at = torch.from_numpy(zeta[row : row + 1])
-        expected = plain.scores(at, plain.J).detach().numpy()[0]
+        if far:
+            with torch.no_grad():
+                expected = plain.look_ahead(at[0], open_[row])
+        else:
+            expected = plain.scores(at, plain.slow).detach().numpy()[0]
         assert np.isinf(score[row][~open_[row]]).all()
         assert score[row][open_[row]] == pytest.approx(expected[open_[row]], rel=1e-3, abs=1e-4)
-        slope = plain.slope(at, plain.J).detach().numpy()
+        slope = plain.slope(at, plain.slow).detach().numpy()
         assert learner.slope(slot, zeta[row : row + 1]) == pytest.approx(slope, rel=1e-3, abs=1e-4)
         change, duration = plain.changes(at)
         found = learner.predict(slot, zeta[row : row + 1])
         assert found["change"] == pytest.approx(change.detach().numpy(), rel=1e-3, abs=1e-5)
         assert found["duration"] == pytest.approx(duration.detach().numpy(), rel=1e-3)
         told = learner.decision(slot, zeta[row], np.ones(len(learner.group.actions), bool))
+        if far:
+            with torch.no_grad():
+                expected = plain.look_ahead(at[0], np.ones(learner.count, bool))
         assert told["score"] == pytest.approx(expected, rel=1e-3, abs=1e-4)
 
 
@@ -314,7 +358,7 @@ def test_no_moment_becomes_subnormal() -> None:
     for network in (learner.f, learner.J):
         network.first[:] = network.second[:] = 2 * least
     learner._update(np.ones(3, bool))
-    learner.device.scores(learner.brains, np.arange(3), learner.began, learner.was_open)
+    scored(learner, np.arange(3), learner.began, learner.was_open)
     for _ in range(8):
         learner._update(np.ones(3, bool))
     for network in (learner.f, learner.J):
