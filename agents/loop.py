@@ -50,9 +50,10 @@ def run(
                         observations=before.observations[group.name],
                         masks=before.masks[group.name],
                         actions=tick.action[group.slots],
-                        next_observations=tick.observations[group.name],
+                        next_observations=_outcome(group, before, tick) if changed else tick.observations[group.name],
                         next_masks=tick.masks[group.name],
                         alive=alive[group.slots],
+                        died=tick.died[group.slots],
                     )
                 )
                 learner.seconds += clock() - began
@@ -63,6 +64,16 @@ def run(
             for observer in observers:
                 observer.watch(state, tick, learners)
     return tick
+
+
+def _outcome(group: Group, before: Tick, tick: Tick) -> np.ndarray:
+    """Return the observations after a tick (n, D); an agent that died keeps all but its needs as it last sensed them.
+
+    The dead sense nothing, so `tick` says of their surroundings that nothing is in sight.
+    """
+    after, died = tick.observations[group.name], tick.died[group.slots]
+    sensed = np.array(group.layout.kinds) != "deviation"
+    return np.where(died[:, None] & sensed, before.observations[group.name], after)
 
 
 def _pass_on(group: Group, learner: Learner, tick: Tick) -> None:

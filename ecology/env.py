@@ -51,7 +51,7 @@ class Group:
 class Tick:
     """What one tick brought, in arrays; per species under its name."""
 
-    observations: Mapping[str, np.ndarray]  # float32 (n, D), zeta
+    observations: Mapping[str, np.ndarray]  # float32 (n, D), zeta; of an agent that died, its needs at death
     masks: Mapping[str, Bools]  # (n, A), A_zeta
     reward: Floats  # (N,) drive before minus drive after
     drive: Floats  # (N,)
@@ -275,7 +275,10 @@ class Ecology(ParallelEnv):
         state.time = state.tick * self.dt
         # senses and observation
         self._feel()
-        return self._look(np.where(born, 0.0, before - state.drive), died, closed, born, parent)
+        tick = self._look(np.where(born, 0.0, before - state.drive), died, closed, born, parent)
+        if died.any():
+            self._show_fatal(tick, internal)
+        return tick
 
     def _decide(self, actions: np.ndarray) -> tuple[Floats, Floats, Floats, Bools]:
         """Return u (N, V), speed (N,), direction (N,) and who asked for a closed action (N,)."""
@@ -608,6 +611,18 @@ class Ecology(ParallelEnv):
             closed=none if closed is None else closed,
             action=state.action.copy(),
         )
+
+    def _show_fatal(self, tick: Tick, internal: Floats) -> None:
+        """Write the needs with which agents died, from x (N, V) after the tick, into their last observation.
+
+        The state keeps what a dead body stored before the tick, so that the account closes and death is no relief.
+        """
+        body = self._body
+        x = np.where(np.isfinite(internal), np.clip(internal, body.low, body.high), self._now().internal)
+        for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
+            rows, width = np.flatnonzero(tick.died[group.slots]), len(species.needs)
+            at = group.slots.start + rows
+            tick.observations[group.name][rows, :width] = (x - body.set_point)[at, :width]
 
     def _now(self) -> State:
         if self._state is None:

@@ -126,7 +126,13 @@ def _through_dicts(env: Ecology, learner: Any) -> Callable[[], int]:
         alive = ~np.fromiter(dead.values(), bool, len(dead))
         learner.learn(
             Transition(
-                observations=zeta, masks=masks, actions=actions, next_observations=after, next_masks=open_, alive=alive
+                observations=zeta,
+                masks=masks,
+                actions=actions,
+                next_observations=after,
+                next_masks=open_,
+                alive=alive,
+                died=~alive,
             )
         )
         zeta, masks = after, open_

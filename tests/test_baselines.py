@@ -89,7 +89,7 @@ def test_greedy_becomes_what_its_state_says(room):
     first, second = Greedy(group, SEED), Greedy(group, np.random.SeedSequence(9))
     zeta, masks = np.zeros((4, 4), np.float32), np.ones((4, 5), bool)
     after = zeta + np.array([0.1, 0, 0, 0], np.float32)
-    first.learn(Transition(zeta, masks, np.arange(4), after, masks, np.array([True, True, True, False])))
+    first.learn(Transition(zeta, masks, np.arange(4), after, masks, np.arange(4) < 3, np.arange(4) == 3))
     assert first.met.sum() == 3  # the dead learn nothing
     second.restore(*first.state())
     for _ in range(20):
