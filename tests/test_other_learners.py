@@ -80,7 +80,7 @@ def test_a_single_file_ppo():
             with torch.no_grad():
                 chosen = policy(seen, mask).sample()
                 log = policy(seen, mask).log_prob(chosen)
-            zeta, reward, terminated, truncated, infos = envs.step(chosen.numpy())
+            zeta, reward, _, truncated, infos = envs.step(chosen.numpy())
             closed += infos["closed"].sum()
             ended += truncated.sum()
             steps.append((seen, mask, chosen, log, torch.as_tensor(reward, dtype=torch.float32)))
