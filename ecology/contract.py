@@ -295,11 +295,12 @@ def a_copy_lives_on(scenario: Scenario, ticks: int) -> None:
             copies = {"a deep copy": copy.deepcopy(env), "a pickled copy": pickle.loads(pickle.dumps(env))}
         actions = choose(env, tick, rng, open_only=rng.random() < 0.7)
         tick = env.step_arrays(actions)
+        now = env.state_view.arrays()
         for what, twin in copies.items():
-            after = twin.step_arrays(actions)
-            for field, mine in env.state_view.arrays().items():
+            after, then = twin.step_arrays(actions), twin.state_view.arrays()
+            for field, mine in now.items():
                 require(
-                    np.array_equal(mine, twin.state_view.arrays()[field], equal_nan=True),
+                    np.array_equal(mine, then[field], equal_nan=True),
                     f"tick {t + 1}: {field} is another in {what} that was taken at tick {ticks // 3}; does a rule keep "
                     "something from tick to tick?",
                 )
