@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
@@ -24,6 +25,11 @@ from ecology.state import CAUSES, Bools, Floats, Ints, State
 
 # one random stream each; new ones come last
 CONCERNS = ("birth", "noise", "availability", "motion", "meeting", "offspring", "hazard", "rule", "lesion")
+# attributes of Ecology that never change, which a copy shares
+FIXED = (
+    "scenario", "groups", "_plane", "_walls", "_body", "_eyes", "_tables", "_resources", "_gazes", "_couplings",
+    "_radius", "_solid", "_species_of", "_looks", "_choices", "_acting", "_needs", "_has_need",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,8 @@ class Ecology(ParallelEnv):
     world without dicts, and give the same trajectory. A closed action is replaced by rest (or,
     where rest is closed too, by what is open: the sleep that immobilises, the go_to committed
     to), and `infos[agent]["closed"]` says so.
+
+    `copy.deepcopy` and `pickle` take a world at any tick, and the copy continues bit for bit.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "ecology", "render_modes": ["rgb_array"], "is_parallelizable": True}
@@ -138,6 +146,8 @@ class Ecology(ParallelEnv):
             )
         self._acting = tuple(zip(self.groups.values(), self._tables, strict=True))
         self._needs = {s.name: tuple(need.name for need in s.needs) for s in species}
+        has = [np.arange(width) < len(s.needs) for s in species]
+        self._has_need = np.repeat(has, counts, axis=0)  # (N, V) which needs are none of the padding
         self.open_population = any(s.grows for s in species)
         if not self.open_population:  # with births there is no end of names: see ecology.fixed
             self.possible_agents = [f"{s.name}_{serial}" for s, serials in self._founders() for serial in serials]
@@ -146,7 +156,7 @@ class Ecology(ParallelEnv):
         self._state: State | None = None
         self._picture: Any = None  # of `render`, drawn upon again and again
         self._pairs: neighbours.Pairs | None = None
-        self._seed = 0
+        self._seed: int | None = None
 
     def _nearness(self) -> float:
         """Return the distance within which anyone senses, meets or crowds another; 0: nobody does."""
@@ -167,6 +177,20 @@ class Ecology(ParallelEnv):
             start += s.count
         return found
 
+    # ---- copies --------------------------------------------------------------------------
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the picture, which a copy draws anew."""
+        return {**self.__dict__, "_picture": None}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Ecology:
+        """Return a world of its own, which shares only what never changes."""
+        twin = memo[id(self)] = object.__new__(type(self))
+        state = self.__getstate__()
+        memo |= {id(state[name]): state[name] for name in FIXED}
+        twin.__dict__.update(copy.deepcopy(state, memo))
+        return twin
+
     # ---- the world in arrays -------------------------------------------------------------
 
     @property
@@ -174,14 +198,23 @@ class Ecology(ParallelEnv):
         """Return a read-only view of everything that changes."""
         return self._now().readonly()
 
+    @property
+    def seed(self) -> int | None:
+        """Return the seed that the world was last reset with, given or drawn; None before the first reset."""
+        return self._seed
+
     def reset_arrays(self, seed: int | None = None) -> Tick:
-        """Start the world anew from `seed` and return its first observations."""
+        """Start the world anew from `seed` and return its first observations.
+
+        Without a seed the first reset draws one from the operating system, and each later reset derives one
+        from the last. `env.seed` returns it, and `reset(seed=env.seed)` repeats the episode.
+        """
         if seed is not None:
             require(
                 isinstance(seed, (int, np.integer)) and seed >= 0,
                 f"seed must be a whole number of at least 0, got {seed!r}.",
             )
-            self._seed = int(seed)
+        self._seed = _next_seed(self._seed) if seed is None else int(seed)
         streams = np.random.SeedSequence(self._seed).spawn(len(CONCERNS))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
         n, table = self.size, self._resources
@@ -762,8 +795,8 @@ class Ecology(ParallelEnv):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Start anew; without a seed, with the next one after the last."""
-        tick = self.reset_arrays(self._seed + 1 if seed is None and self._state is not None else seed)
+        """Start anew; without a seed, from one that is drawn or derived from the last: see `reset_arrays`."""
+        tick = self.reset_arrays(seed)
         self._enlist()
         slots = np.array(list(self._slots.values()), np.int64)
         return self._observation_dict(tick, self.agents, slots), self._info_dict(tick, self.agents, slots)
@@ -773,18 +806,23 @@ class Ecology(ParallelEnv):
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Advance one tick; every living agent needs an action, an index into its action space.
 
-        Newborns are in all five dicts on the tick of their birth; the dead are in them for a last time.
+        Newborns are in all five dicts on the tick of their birth, except in the horizon's tick, in which they could
+        never act; the dead are in them for a last time. After the end, which is the horizon or the death of the last
+        agent where none can arrive, no tick passes and the dicts are empty.
         """
         state = self._now()
+        if self._is_over():
+            self._read(actions)
+            return {}, {}, {}, {}, {}
         slots = np.array(list(self._slots.values()), np.int64)
         array = np.zeros(self.size, np.int64)
         array[slots] = self._read(actions)
         tick = self.step_arrays(array)
         names = self.agents
-        if tick.born.any():
+        over = self.horizon is not None and state.tick >= self.horizon
+        if tick.born.any() and not over:
             slots = np.union1d(slots, np.flatnonzero(tick.born))
             names = [self.name_of(slot) for slot in slots.tolist()]
-        over = self.horizon is not None and state.tick >= self.horizon
         rewards = dict(zip(names, tick.reward[slots].tolist(), strict=True))
         terminations = dict(zip(names, (~tick.alive[slots]).tolist(), strict=True))
         truncations = dict.fromkeys(names, over)
@@ -794,6 +832,13 @@ class Ecology(ParallelEnv):
             self._enlist()
         observations, infos = self._observation_dict(tick, names, slots), self._info_dict(tick, names, slots)
         return observations, rewards, terminations, truncations, infos
+
+    def _is_over(self) -> bool:
+        """Return whether nobody is left who acts, now or later."""
+        state = self._now()
+        reached = self.horizon is not None and state.tick >= self.horizon
+        empty = not state.alive.any() and not any(s.arrival for s in self.scenario.species)
+        return not self.agents and (reached or empty)
 
     def _read(self, actions: Any) -> np.ndarray:
         """Return the actions of `self.agents` (n,) from a dict, or raise EcologyError."""
@@ -828,11 +873,10 @@ class Ecology(ParallelEnv):
 
     def _info_dict(self, tick: Tick, names: list[str], slots: Ints) -> dict[str, dict[str, Any]]:
         found: dict[str, dict[str, Any]] = {}
-        for group, part, rows in self._parts(slots):
-            mask = tick.masks[group.name][rows].view(np.int8)
+        for _, part, _ in self._parts(slots):
             drive, closed = tick.drive[slots[part]].tolist(), tick.closed[slots[part]].tolist()
-            for name, open_, d, shut in zip(names[part], mask, drive, closed, strict=True):
-                found[name] = {"action_mask": open_, "drive": d, "closed": shut}
+            for name, d, shut in zip(names[part], drive, closed, strict=True):
+                found[name] = {"drive": d, "closed": shut}
         return found
 
     def _parts(self, slots: Ints) -> Iterator[tuple[Group, slice, Ints]]:
@@ -845,8 +889,19 @@ class Ecology(ParallelEnv):
         """Return a global view for centralised training, float32: position, heading, x and alive of every slot."""
         now = self._now()
         return np.concatenate(
-            [now.position.ravel(), now.heading, now.internal.ravel(), now.alive.astype(float)]
+            [now.position.ravel(), now.heading, now.internal[self._has_need], now.alive.astype(float)]
         ).astype(np.float32)
+
+    @functools.cached_property
+    def state_space(self) -> gymnasium.spaces.Box:
+        """Return the Box of `state()`; the x of a slot is 0 before its first agent."""
+        (left, bottom), (right, top) = self.scenario.arena.extent
+        body, own, ones = self._body, self._has_need, np.ones(self.size)
+        low = [np.tile([left, bottom], self.size), -np.pi * ones, np.minimum(body.low, 0.0)[own], 0 * ones]
+        high = [np.tile([right, top], self.size), np.pi * ones, np.maximum(body.high, 0.0)[own], ones]
+        return gymnasium.spaces.Box(
+            _float32_below(np.concatenate(low)), -_float32_below(-np.concatenate(high)), dtype=np.float32
+        )
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the world, uint8 (height, width, 3), for render_mode "rgb_array"."""
@@ -860,6 +915,15 @@ class Ecology(ParallelEnv):
 
     def close(self) -> None:
         """Nothing to release."""
+
+
+def _next_seed(last: int | None) -> int:
+    """Return a seed of 53 bits: drawn from the operating system, or derived from the last one.
+
+    It is not the last one plus 1: the series of neighbouring seeds would share their episodes.
+    """
+    source = np.random.SeedSequence() if last is None else np.random.SeedSequence([last, 1])
+    return int(source.generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
 def _float32_below(values: Floats) -> np.ndarray:

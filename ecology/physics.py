@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pymunk
@@ -26,6 +27,7 @@ SOLID, GHOST, WALLS = 1, 2, 4  # categories of what can touch
 SPATIAL_HASH_FROM = 300  # bodies; below, pymunk's default tree is faster
 MOVE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 COMMAND = MOVE | pymunk.batch.BodyFields.FORCE
+SOLVER = ("space", "shapes", "_buffer", "_command")  # attributes that a copy builds anew
 
 
 class Physics:
@@ -33,6 +35,7 @@ class Physics:
 
     The solver remembers contacts from tick to tick. Every REBUILD ticks it is built anew, and what it
     was told since is kept, so that a world that is left and entered again at any tick goes on exactly.
+    A copy builds its solver when it first moves, and then repeats these ticks.
     """
 
     def __init__(self, arena: Arena, radius: Floats, solid: Bools, position: Floats, alive: Bools) -> None:
@@ -45,8 +48,13 @@ class Physics:
         self.touches = arena.walls or bool(solid.any())
         self._build(position, alive)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the solver, which can be neither copied nor pickled."""
+        return {name: value for name, value in self.__dict__.items() if name not in SOLVER}
+
     def _build(self, position: Floats, alive: Bools) -> None:
         self.told: list[tuple[Floats, Floats, Bools]] = []  # position, velocity, alive of the ticks since
+        self._built = position.copy(), alive.copy()
         self._alive = alive.copy()
         if not self.touches:
             return
@@ -91,6 +99,8 @@ class Physics:
         alive = self._alive if alive is None else alive
         if len(self.told) == REBUILD:
             self._build(position, alive)
+        elif "space" not in self.__dict__:
+            self._rebuild(dt)
         self.told.append((position, velocity, alive))
         after = self._solve(position, velocity, alive, dt)
         if self.plane.torus:
@@ -132,9 +142,18 @@ class Physics:
         ticks = list(zip(*(memory[f"told_{word}"] for word in ("position", "velocity", "alive")), strict=True))
         if ticks and self.touches:
             self._build(ticks[0][0], ticks[0][2])
-            for position, velocity, alive in ticks:
-                self.told.append((position, velocity, alive))
-                self._solve(position, velocity, alive, dt)
+            self._repeat(ticks, dt)
+
+    def _rebuild(self, dt: float) -> None:
+        """Build the solver of a copy as that of the original was, with the contacts that it had."""
+        ticks = self.told
+        self._build(*self._built)
+        self._repeat(ticks, dt)
+
+    def _repeat(self, ticks: list[tuple[Floats, Floats, Bools]], dt: float) -> None:
+        for position, velocity, alive in ticks:
+            self.told.append((position, velocity, alive))
+            self._solve(position, velocity, alive, dt)
 
 
 def _outward(vertices: Floats, by: float) -> Floats:

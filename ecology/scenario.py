@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ecology import typed
 from ecology.errors import EcologyError, nearest
@@ -62,6 +64,25 @@ class Scenario:
             self._check_others(species)
         for species in self.species:
             self._check_species(species)
+
+    def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[type[Scenario], bytes]]:
+        """Pickle the functions of a scenario file by value: no other process has loaded that file.
+
+        Raises EcologyError where `rule` or `measures` hold something that cannot be pickled.
+        """
+        import cloudpickle  # needed by those who pickle only
+
+        try:
+            return _unpickled, (type(self), cloudpickle.dumps(self.__dict__))
+        except Exception as error:  # of the many things that a function can hold, each fails in its own way
+            raise EcologyError(
+                f"scenario {self.name!r} cannot be pickled: its rule or measures use something that stays in its "
+                f"process ({error}). Use values and functions in them only, or build the scenario in the other process."
+            ) from error
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Scenario:
+        """Return a copy that shares the functions."""
+        return _restored(type(self), copy.deepcopy(self.__dict__, memo))
 
     def measured(self, state: State) -> list[float]:
         """Return the measures of `state`, in their order; EcologyError where one is no number."""
@@ -235,3 +256,16 @@ class Scenario:
     @staticmethod
     def _feeds(species: Species, action: Action) -> bool:
         return any(action.control.get(need.name, 0.0) > 0 and need.low < need.set_point for need in species.needs)
+
+
+def _restored(cls: type[Scenario], values: dict[str, Any]) -> Scenario:
+    """Return the scenario of these values, which have been checked before."""
+    scenario = object.__new__(cls)
+    scenario.__dict__.update(values)
+    return scenario
+
+
+def _unpickled(cls: type[Scenario], pickled: bytes) -> Scenario:
+    import cloudpickle
+
+    return _restored(cls, cloudpickle.loads(pickled))

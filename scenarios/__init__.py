@@ -12,11 +12,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ecology import EcologyError, Scenario
+import cloudpickle
+import gymnasium
+
+from ecology import EcologyError, GymEnv, Scenario, gym_env
 from ecology.errors import nearest
 from scenarios import _faults
 
 HERE = Path(__file__).parent
+EPISODE = 1000  # ticks after which a Gymnasium episode of a scenario is truncated, unless told otherwise
 
 
 def names() -> list[str]:
@@ -52,11 +56,29 @@ def module(name: str) -> ModuleType:
         raise
     except (Exception, SystemExit) as error:
         raise _faults.named(f"the scenario file {str(path)!r} does not run", error) from error
+    _pickle_by_value(loaded, path.parent)
     if not callable(getattr(loaded, "build", None)):
         raise EcologyError(
             f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
         )
     return loaded
+
+
+def _pickle_by_value(loaded: ModuleType, folder: Path) -> None:
+    """Let the functions of a scenario file, and of modules beside it, be pickled whole: other processes lack them."""
+    beside = [
+        other
+        for name, other in sys.modules.items()
+        if "." not in name and name != "__main__" and _folder_of(other) == os.path.abspath(folder)
+    ]
+    for each in (loaded, *beside):
+        cloudpickle.register_pickle_by_value(each)
+
+
+def _folder_of(module_: ModuleType) -> str | None:
+    """Return the folder of the module's file; None of a package and of what has no file."""
+    file = getattr(module_, "__file__", None)
+    return None if file is None or hasattr(module_, "__path__") else os.path.dirname(os.path.abspath(file))
 
 
 def settings(name: str) -> dict[str, Any]:
@@ -114,3 +136,19 @@ def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any])
             raise EcologyError(f"the setting {key!r} of scenario {name!r} is like {default!r}; got {value!r}.")
         checked[key] = value
     return checked
+
+
+def make_gym(name: str, *, horizon: int | None = None, render_mode: str | None = None, **changes: Any) -> GymEnv:
+    """Return the scenario `name`, with `changes` to its settings, as a Gymnasium environment."""
+    return gym_env(load(name, **changes), horizon=horizon, render_mode=render_mode)
+
+
+def _register() -> None:
+    """Register every scenario that ships with Gymnasium, as "ecology/NAME-v0"; `make` loads it."""
+    for name in names():
+        id_ = f"ecology/{name}-v0"
+        if id_ not in gymnasium.registry:
+            gymnasium.register(id_, entry_point="scenarios:make_gym", max_episode_steps=EPISODE, kwargs={"name": name})
+
+
+_register()

@@ -7,13 +7,48 @@ import ecology
 import scenarios
 
 
-def test_reset_without_a_seed_takes_the_next_one():
-    """`reset()` after `reset(seed=s)` is `reset(seed=s + 1)`, so that a first reset alone fixes a series."""
+def episode(env, ticks=3):
+    """Return what one does in the coming ticks, as bytes."""
+    return b"".join(env.step_arrays(np.zeros(env.size, np.int64)).observations["agent"].tobytes() for _ in range(ticks))
+
+
+@pytest.mark.parametrize("how", ["reset", "reset_arrays"])
+def test_a_first_reset_without_a_seed_draws_one(how):
+    """Copies that are reset without a seed have episodes of their own, and `env.seed` repeats each."""
+    scenario = scenarios.load("seasons", weather=0.5)
+    envs = [ecology.parallel_env(scenario) for _ in range(4)]
+    assert {env.seed for env in envs} == {None}
+    for env in envs:
+        getattr(env, how)()
+    lives = [episode(env) for env in envs]
+    assert len({env.seed for env in envs}) == len(set(lives)) == 4
+    again = ecology.parallel_env(scenario)
+    for env, life in zip(envs, lives, strict=True):
+        getattr(again, how)(seed=env.seed)
+        assert episode(again) == life
+
+
+def test_series_of_neighbouring_seeds_share_no_episode():
+    """`reset(seed=s)` and the resets after it are one series; that of s + 1 has other episodes."""
+    env = ecology.parallel_env(scenarios.load("seasons"))
+    seen = []
+    for first in range(4):
+        env.reset(seed=first)
+        for _ in range(4):
+            seen.append(env.seed)
+            env.reset()
+    assert len(set(seen)) == len(seen)
+    assert all(0 <= seed < 2**53 for seed in seen)
+
+
+def test_a_first_reset_fixes_a_series():
+    """After `reset(seed=s)`, resets without a seed repeat the same series of episodes."""
     scenario = scenarios.load("seasons", weather=0.5)
     env, other = ecology.parallel_env(scenario), ecology.parallel_env(scenario)
-    env.reset(seed=3)
-    env.reset()
-    other.reset(seed=4)
+    for each in (env, other):
+        each.reset(seed=3)
+        each.reset()
+    assert env.seed == other.seed != 3
     for _ in range(50):
         one = env.step(dict.fromkeys(env.agents, 0))[0]
         two = other.step(dict.fromkeys(other.agents, 0))[0]

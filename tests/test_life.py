@@ -217,7 +217,7 @@ def test_names_never_return_and_entries_come_once(walls):
     alive, dead, born = set(observations), set(), 0
     assert alive == set(infos) == set(env.agents)
     for _ in range(250):
-        asked = {name: int(rng.choice(np.flatnonzero(infos[name]["action_mask"]))) for name in env.agents}
+        asked = {name: int(rng.choice(np.flatnonzero(observations[name]["action_mask"]))) for name in env.agents}
         observations, rewards, terminations, truncations, infos = env.step(asked)
         names = set(observations)
         for other in (rewards, terminations, truncations, infos):
