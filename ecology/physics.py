@@ -1,6 +1,6 @@
 """Bodies, walls and contacts; the only file that imports pymunk.
 
-Bodies are circles, walls are segments. A command is a velocity; it is given to the solver as a
+Bodies are circles, walls are segments, and no way of a body's centre crosses one. A command is a velocity; it is given to the solver as a
 force before the positions move, so contacts correct the velocity and the corrected one is what
 moves the body. All bodies go through one buffer per substep, never one by one.
 """
@@ -14,12 +14,13 @@ import numpy as np
 import pymunk
 import pymunk.batch
 
-from ecology.kernels import command_bodies, fastest, glide, keep_inside
+from ecology.kernels import command_bodies, fastest, glide
 from ecology.plane import plane_of
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
 
-WALL = 0.05  # radius of a wall's segments, length; their inner faces are the arena's edges
+WALL = 0.05  # radius of a thick wall's segments, length; their inner faces are the arena's edges
+ROUNDED = 0.5  # of a wall's corner that thick segments may cut off at most, as a share of the smallest radius
 SLOP = 0.02  # overlap that contacts tolerate, as a share of the smallest radius
 REBUILD = 200  # ticks after which the solver's memory of contacts is dropped
 SOLID, GHOST, WALLS = 1, 2, 4  # categories of what can touch
@@ -41,7 +42,9 @@ class Physics:
         self.plane = plane_of(arena)
         self.count = len(radius)
         self.smallest = float(radius.min()) if self.count else 1.0
-        self.vertices = np.array(arena.vertices, dtype=float)
+        self.corners = corners_of(arena)
+        thick = _outward(np.array(arena.vertices, float), ROUNDED * self.smallest) if arena.walls else None
+        self._walls, self._thick = (self.corners, 0.0) if thick is None else (thick, WALL)
         self.touches = arena.walls or bool(solid.any())
         self._build(position, alive)
 
@@ -61,9 +64,8 @@ class Physics:
             body.position = place
         self.space.add(*bodies, *self.shapes)
         if self.arena.walls:
-            corners = _outward(self.vertices, WALL)
-            for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-                wall = pymunk.Segment(self.space.static_body, tuple(a), tuple(b), WALL)
+            for a, b in zip(self._walls, np.roll(self._walls, -1, axis=0), strict=True):
+                wall = pymunk.Segment(self.space.static_body, tuple(a), tuple(b), self._thick)
                 wall.filter = pymunk.ShapeFilter(categories=WALLS)
                 self.space.add(wall)
         # one row per body and one, the last, for the static body that carries the walls
@@ -92,12 +94,10 @@ class Physics:
         if len(self.told) == REBUILD:
             self._build(position, alive)
         self.told.append((position, velocity, alive))
-        after = self._solve(position, velocity, alive, dt)
-        if self.plane.torus:
-            return self.plane.home(after), 0
-        return after, keep_inside(self.vertices, after, position)
+        after, held = self._solve(position, velocity, alive, dt)
+        return self.plane.home(after), held
 
-    def _solve(self, position: Floats, velocity: Floats, alive: Bools, dt: float) -> Floats:
+    def _solve(self, position: Floats, velocity: Floats, alive: Bools, dt: float) -> tuple[Floats, int]:
         changed = np.flatnonzero(alive != self._alive)
         if changed.size:
             self._touch(changed, alive[changed])
@@ -106,8 +106,9 @@ class Physics:
         h = dt / substeps
         buffer, space = self._buffer, self.space
         space.collision_bias = 0.8 ** (1.0 / h)  # a fifth of an overlap goes in one; more throws crowds about
-        after = position
-        for _ in range(substeps):
+        after, seen, held = position, position.copy(), np.zeros(self.count, bool)
+        bends = self._thick == 0 or substeps == 1
+        for left in range(substeps - 1, -1, -1):
             command_bodies(self._command, after, velocity, h)  # damping has removed the velocity before
             buffer.set_float_buf(self._command)
             pymunk.batch.set_space_bodies(space, COMMAND, buffer)
@@ -115,8 +116,10 @@ class Physics:
             buffer.clear()
             pymunk.batch.get_space_bodies(space, MOVE, buffer)
             moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)
-            after = glide(moved, self.count, h)
-        return after
+            after = glide(
+                moved, self.count, h, self.corners, self.radius, position, after, seen, held, bends, left == 0
+            )  # fmt: skip
+        return after, int(np.count_nonzero(held))
 
     def memory(self) -> dict[str, np.ndarray]:
         """Return what the solver was told since it was built: K ticks of position, velocity and alive."""
@@ -137,9 +140,23 @@ class Physics:
                 self._solve(position, velocity, alive, dt)
 
 
-def _outward(vertices: Floats, by: float) -> Floats:
-    """Return the polygon whose edges lie `by` outside those of `vertices`."""
+def corners_of(arena: Arena) -> Floats:
+    """Return the corners of the walls (W, 2), with the arena to their left; none without walls."""
+    corners = np.array(arena.vertices if arena.walls else (), dtype=float).reshape(-1, 2)
+    x, y = (corners - corners[:1]).T
+    return corners if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() >= 0 else corners[::-1].copy()
+
+
+def _outward(corners: Floats, cut: float) -> Floats | None:
+    """Return the polygon whose edges lie WALL outside those of `corners` (W, 2).
+
+    None where it would leave out more than `cut` of a wall, one that is too thin or too pointed: there the
+    edges themselves are the walls.
+    """
     import shapely  # slow to load, needed once per world
 
-    grown = shapely.Polygon(vertices).buffer(by, join_style="mitre", mitre_limit=10.0)
-    return np.array(grown.exterior.coords)[:-1]
+    polygon = shapely.Polygon(corners)
+    grown = polygon.buffer(WALL, join_style="mitre", mitre_limit=10.0).exterior
+    if not grown.buffer(WALL + cut).covers(polygon.exterior):
+        return None
+    return np.array(grown.coords)[:-1]
