@@ -16,7 +16,7 @@ from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import World
 from ecology.physics import Physics
-from ecology.plane import plane_of
+from ecology.plane import corners_of, plane_of
 from ecology.scenario import Scenario
 from ecology.senses import Layout
 from ecology.spec import Species, require
@@ -99,7 +99,7 @@ class Ecology(ParallelEnv):
         ends = np.cumsum(counts).tolist()
         blocks = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
         self._plane = plane_of(scenario.arena)
-        self._walls = np.array(scenario.arena.vertices, dtype=float)
+        self._walls = corners_of(scenario.arena)
         self._body = physiology.compile_bodies(species, width)
         self._eyes = senses.compile_eyes(species, scenario.arena, scenario.resources)
         self._tables = [compile_actions(s, scenario.resources, species) for s in species]

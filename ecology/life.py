@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ecology.kernels import inside_polygon
+from ecology.kernels import inside_polygon, stays
 from ecology.plane import plane_of
 from ecology.spec import Arena, Birth, Hazard, Species, require
 from ecology.state import Bools, Floats, Ints
@@ -77,9 +77,9 @@ def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Gene
 
 
 def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np.random.Generator) -> Floats:
-    """Return places (k, 2) beside parents at `position` (k, 2), two radii away: in the arena, clear of its walls.
+    """Return places (k, 2) beside parents at `position` (k, 2), two radii away: clear of the walls, none between.
 
-    Directions are tried at random; where no one has room, the newborn starts where its parent is.
+    `walls` (W, 2) are the corners of the arena, which lies on the left of every wall. Directions are tried at random; where no one has room, the newborn starts where its parent is.
     """
     angle = rng.uniform(-np.pi, np.pi, len(position))[:, None] + 2 * np.pi / AROUND * np.arange(AROUND)
     way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # (k, AROUND, 2)
@@ -88,7 +88,8 @@ def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np
     if plane.torus:
         return plane.home(places[:, 0])
     tried = places.reshape(-1, 2)
-    free = np.logical_and(inside_polygon(walls, tried), _room(walls, tried) >= radius).reshape(angle.shape)
+    near = stays(walls, np.repeat(position, AROUND, axis=0), tried)
+    free = np.logical_and(near, inside_polygon(walls, tried) & (_room(walls, tried) >= radius)).reshape(angle.shape)
     chosen = places[np.arange(len(places)), free.argmax(axis=1)]
     return np.where(np.logical_or.reduce(free, axis=1)[:, None], chosen, position)
 

@@ -15,7 +15,7 @@ import pymunk
 import pymunk.batch
 
 from ecology.kernels import command_bodies, fastest, glide
-from ecology.plane import plane_of
+from ecology.plane import corners_of, plane_of
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
 
@@ -42,8 +42,8 @@ class Physics:
         self.plane = plane_of(arena)
         self.count = len(radius)
         self.smallest = float(radius.min()) if self.count else 1.0
-        self.corners = corners_of(arena)
-        thick = _outward(np.array(arena.vertices, float), ROUNDED * self.smallest) if arena.walls else None
+        self.corners = corners_of(arena) if arena.walls else np.empty((0, 2))
+        thick = _outward(arena, ROUNDED * self.smallest)
         self._walls, self._thick = (self.corners, 0.0) if thick is None else (thick, WALL)
         self.touches = arena.walls or bool(solid.any())
         self._build(position, alive)
@@ -86,7 +86,7 @@ class Physics:
 
         `alive` (N,) are who can be touched from now on; who could be before when None.
         Substeps are as many as keep a body from moving farther than the smallest radius in one.
-        A body that would end outside the arena stays where it was: the guarantee, counted.
+        A body whose way would cross a wall is led along it, or stays where it was: the guarantee, counted.
         """
         if not self.touches:
             return self.plane.home(position + velocity * dt), 0
@@ -140,23 +140,15 @@ class Physics:
                 self._solve(position, velocity, alive, dt)
 
 
-def corners_of(arena: Arena) -> Floats:
-    """Return the corners of the walls (W, 2), with the arena to their left; none without walls."""
-    corners = np.array(arena.vertices if arena.walls else (), dtype=float).reshape(-1, 2)
-    x, y = (corners - corners[:1]).T
-    return corners if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() >= 0 else corners[::-1].copy()
+def _outward(arena: Arena, cut: float) -> Floats | None:
+    """Return the corners (W, 2) of a polygon whose edges lie WALL outside those of `arena`.
 
-
-def _outward(corners: Floats, cut: float) -> Floats | None:
-    """Return the polygon whose edges lie WALL outside those of `corners` (W, 2).
-
-    None where it would leave out more than `cut` of a wall, one that is too thin or too pointed: there the
-    edges themselves are the walls.
+    None where more than `cut` of a wall would be left out, because it is too thin or too pointed, or without walls.
     """
     import shapely  # slow to load, needed once per world
 
-    polygon = shapely.Polygon(corners)
-    grown = polygon.buffer(WALL, join_style="mitre", mitre_limit=10.0).exterior
-    if not grown.buffer(WALL + cut).covers(polygon.exterior):
+    if not arena.walls:
         return None
-    return np.array(grown.coords)[:-1]
+    polygon = shapely.Polygon(arena.vertices)
+    grown = polygon.buffer(WALL, join_style="mitre", mitre_limit=10.0).exterior
+    return np.array(grown.coords)[:-1] if grown.buffer(WALL + cut).covers(polygon.exterior) else None

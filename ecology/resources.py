@@ -222,6 +222,8 @@ def reflect(vertices: Floats, start: Floats, step: Floats) -> Floats:
         normal = np.array([-wall[hit, 1], wall[hit, 0]]) / np.hypot(*wall[hit])
         here, last = here + t[hit] * along, hit
         there = there - 2.0 * ((there - here) @ normal) * normal
+    else:
+        return start
     return there if kernels.inside_polygon(vertices, there[None])[0] else start
 
 

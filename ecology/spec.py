@@ -434,6 +434,11 @@ class Arena:
                 f"arena: a vertex lies within {FARTHEST:g} of the origin in x and y, beyond which places are no longer "
                 f"told apart well; got {vertex!r}.",
             )
+        for i, (one, other) in enumerate(zip(self.vertices, self.vertices[1:], strict=False)):
+            require(
+                tuple(one) != tuple(other),
+                f"arena: the vertex {one!r} at {i} is repeated at {i + 1}; list every vertex once.",
+            )
         import shapely  # slow to load, needed once per arena
 
         polygon = shapely.Polygon(self.vertices)

@@ -185,7 +185,7 @@ SABOTAGE = {
     "a snapshot lives on bit for bit": lambda: damaged(
         "snapshot", lambda it: (it[0] | {"hold": it[0]["hold"] * 0}, it[1])
     ),
-    "nobody leaves the arena": lambda: (
+    "nobody leaves the arena or goes through a wall": lambda: (
         Physics,
         "move",
         lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
