@@ -692,29 +692,41 @@ def glide(
     start: Floats,
     before: Floats,
     seen: Floats,
-    held: Bools,
     bends: bool,
     last: bool,
-) -> Floats:
-    """Return where n bodies of rows (>= n, 4), position and velocity, are after a substep of h, (n, 2).
+) -> tuple[Floats, int]:
+    """Return where n bodies of rows (>= n, 4), position and velocity, are after a substep of h, and how many are held.
 
     With `corners` (W, 2), a way from `before` (n, 2) that leaves the polygon `bends` along the wall, or is not gone.
     After the `last` substep, neither does the straight way from `start` (n, 2), where the tick began: a body then ends
-    where it was last `seen` (n, 2) from there, which is written. `held` (n,) are those whose way was changed.
+    where it was last `seen` (n, 2) from there, which is written. Held are those whose way was changed.
     """
-    found = np.empty((n, 2))
+    found, held, several = np.empty((n, 2)), 0, not (bends and last)
+    boxes = np.empty((4, len(corners)))  # of the walls
+    for w in range(len(corners)):
+        for k in range(2):
+            boxes[k, w] = min(corners[w, k], corners[w - 1, k])
+            boxes[2 + k, w] = max(corners[w, k], corners[w - 1, k])
     for i in range(n):
-        ax, ay = before[i, 0], before[i, 1]
+        ax, ay, sx, sy = before[i, 0], before[i, 1], start[i, 0], start[i, 1]
         bx, by = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
         found[i, 0], found[i, 1] = bx, by
-        sx, sy = start[i, 0], start[i, 1]
-        if len(corners) == 0 or (bx == sx and by == sy):
+        low_x, high_x, low_y, high_y = min(ax, bx, sx), max(ax, bx, sx), min(ay, by, sy), max(ay, by, sy)
+        near = 0
+        for w in range(len(corners)):  # no branches: most bodies are near no wall
+            near += (
+                (boxes[0, w] <= high_x) & (boxes[1, w] <= high_y) & (boxes[2, w] >= low_x) & (boxes[3, w] >= low_y)
+            )
+        if near == 0 or (bx == sx and by == sy):
+            if several:
+                seen[i, 0], seen[i, 1] = bx, by
             continue
+        changed = False
         wall = _exit(corners, ax, ay, bx, by) if bends else -1
         for _ in range(BENDS):
             if wall < 0:
                 break
-            held[i] = True
+            changed = True
             x, y = corners[wall, 0], corners[wall, 1]
             along_x, along_y = x - corners[wall - 1, 0], y - corners[wall - 1, 1]
             length = math.hypot(along_x, along_y)
@@ -726,14 +738,15 @@ def glide(
             wall = _exit(corners, ax, ay, bx, by)
         if wall >= 0:
             bx, by = ax, ay
-        if not (bends and last and ax == sx and ay == sy):  # else it has just been looked at
+        if several or ax != sx or ay != sy:  # else it has just been looked at
             if _exit(corners, sx, sy, bx, by) < 0:
                 seen[i, 0], seen[i, 1] = bx, by
             elif last:
-                held[i] = True
+                changed = True
                 bx, by = seen[i, 0], seen[i, 1]
         found[i, 0], found[i, 1] = bx, by
-    return found
+        held += changed
+    return found, held
 
 
 @numba.njit(cache=True)

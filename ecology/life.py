@@ -79,7 +79,8 @@ def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Gene
 def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np.random.Generator) -> Floats:
     """Return places (k, 2) beside parents at `position` (k, 2), two radii away: clear of the walls, none between.
 
-    `walls` (W, 2) are the corners of the arena, which lies on the left of every wall. Directions are tried at random; where no one has room, the newborn starts where its parent is.
+    `walls` (W, 2) are the corners of the arena, which lies on the left of every wall. Directions are tried at random;
+    where no one has room, the newborn starts where its parent is.
     """
     angle = rng.uniform(-np.pi, np.pi, len(position))[:, None] + 2 * np.pi / AROUND * np.arange(AROUND)
     way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # (k, AROUND, 2)

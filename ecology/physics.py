@@ -1,8 +1,8 @@
 """Bodies, walls and contacts; the only file that imports pymunk.
 
-Bodies are circles, walls are segments, and no way of a body's centre crosses one. A command is a velocity; it is given to the solver as a
-force before the positions move, so contacts correct the velocity and the corrected one is what
-moves the body. All bodies go through one buffer per substep, never one by one.
+Bodies are circles, walls are segments that no body's centre crosses on its way. A command is a velocity; it
+is given to the solver as a force before the positions move, so contacts correct the velocity and the corrected
+one is what moves the body. All bodies go through one buffer per substep, never one by one.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ SLOP = 0.02  # overlap that contacts tolerate, as a share of the smallest radius
 REBUILD = 200  # ticks after which the solver's memory of contacts is dropped
 SOLID, GHOST, WALLS = 1, 2, 4  # categories of what can touch
 SPATIAL_HASH_FROM = 300  # bodies; below, pymunk's default tree is faster
+NOWHERE = np.empty((0, 2))
 MOVE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 COMMAND = MOVE | pymunk.batch.BodyFields.FORCE
 
@@ -42,7 +43,7 @@ class Physics:
         self.plane = plane_of(arena)
         self.count = len(radius)
         self.smallest = float(radius.min()) if self.count else 1.0
-        self.corners = corners_of(arena) if arena.walls else np.empty((0, 2))
+        self.corners = corners_of(arena) if arena.walls else NOWHERE
         thick = _outward(arena, ROUNDED * self.smallest)
         self._walls, self._thick = (self.corners, 0.0) if thick is None else (thick, WALL)
         self.touches = arena.walls or bool(solid.any())
@@ -106,7 +107,8 @@ class Physics:
         h = dt / substeps
         buffer, space = self._buffer, self.space
         space.collision_bias = 0.8 ** (1.0 / h)  # a fifth of an overlap goes in one; more throws crowds about
-        after, seen, held = position, position.copy(), np.zeros(self.count, bool)
+        after, held = position, 0
+        seen = position.copy() if substeps > 1 else NOWHERE
         bends = self._thick == 0 or substeps == 1
         for left in range(substeps - 1, -1, -1):
             command_bodies(self._command, after, velocity, h)  # damping has removed the velocity before
@@ -116,10 +118,11 @@ class Physics:
             buffer.clear()
             pymunk.batch.get_space_bodies(space, MOVE, buffer)
             moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)
-            after = glide(
-                moved, self.count, h, self.corners, self.radius, position, after, seen, held, bends, left == 0
-            )  # fmt: skip
-        return after, int(np.count_nonzero(held))
+            after, changed = glide(
+                moved, self.count, h, self.corners, self.radius, position, after, seen, bends, left == 0
+            )
+            held += changed
+        return after, held
 
     def memory(self) -> dict[str, np.ndarray]:
         """Return what the solver was told since it was built: K ticks of position, velocity and alive."""

@@ -1,4 +1,4 @@
-"""Walls of any thickness hold bodies on their way: thin ones, pointed ones, and obstacles that a slit joins to a wall."""
+"""Walls of any thickness hold bodies on their way: thin walls, spikes, obstacles that a slit joins to a wall."""
 
 import math
 
