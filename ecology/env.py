@@ -103,7 +103,7 @@ class Ecology(ParallelEnv):
         self._body = physiology.compile_bodies(species, width)
         self._eyes = senses.compile_eyes(species, scenario.arena, scenario.resources)
         self._tables = [compile_actions(s, scenario.resources, species) for s in species]
-        self._resources = resources.compile_resources(scenario.resources)
+        self._resources = resources.compile_resources(scenario.resources, scenario.arena, species)
         self._gazes = [
             senses.compile_gaze(s, rows, scenario.arena, scenario.resources, species)
             for s, rows in zip(species, blocks, strict=True)
@@ -215,7 +215,7 @@ class Ecology(ParallelEnv):
             gave=np.full(n, -1),
             inside=np.zeros((n, r), bool),
             seen=np.zeros((n, r), bool),
-            resource_position=resources.first_places(table, self.scenario.arena, self._rng["motion"]),
+            resource_position=resources.first_places(table, self._rng["motion"]),
             stock=table.stock.copy(),
             available=resources.appear(table, np.ones(r, bool), 1, self._rng["availability"]),
             grown=np.zeros(r),
@@ -485,7 +485,7 @@ class Ecology(ParallelEnv):
         until = (state.tick + 1) * self.dt
         places = resources.swing(table, state.resource_position, until)
         places = resources.drift(table, self.scenario.arena, places, self.dt, self._rng["motion"])
-        places, gone = resources.relocate(table, self.scenario.arena, places, emptied, self._rng["motion"])
+        places, gone = resources.relocate(table, places, emptied, self._rng["motion"])
         grown[gone] += table.stock[gone] - stock[gone]
         stock[gone] = table.stock[gone]
         if gone.any():  # who was on the way there does not know where it went

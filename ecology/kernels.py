@@ -714,9 +714,7 @@ def glide(
         low_x, high_x, low_y, high_y = min(ax, bx, sx), max(ax, bx, sx), min(ay, by, sy), max(ay, by, sy)
         near = 0
         for w in range(len(corners)):  # no branches: most bodies are near no wall
-            near += (
-                (boxes[0, w] <= high_x) & (boxes[1, w] <= high_y) & (boxes[2, w] >= low_x) & (boxes[3, w] >= low_y)
-            )
+            near += (boxes[0, w] <= high_x) & (boxes[1, w] <= high_y) & (boxes[2, w] >= low_x) & (boxes[3, w] >= low_y)
         if near == 0 or (bx == sx and by == sy):
             if several:
                 seen[i, 0], seen[i, 1] = bx, by
