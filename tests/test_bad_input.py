@@ -582,8 +582,8 @@ WORDS = (
     Crowding(within=1.0, control={"food": -0.5}),
     Neighbours(count=2),
     Empathy(weight=0.5, matrix=((0.0, 1.0), (1.0, 0.0)), needs={"food": 0.5}, within=2.0),
-    Species(name="agent", needs=(FOOD,), actions=(rest(),), count=2, capacity=3, position=(1.0, 1.0), heading=0.5, view_angle=1.5,
-            learner_settings={"width": 16}),
+    Species(name="agent", needs=(FOOD,), actions=(rest(),), count=2, capacity=3, position=(1.0, 1.0), heading=0.5,
+            view_angle=1.5, learner_settings={"width": 16}),
     Scenario(name="room", arena=SQUARE, species=(Species(name="agent", needs=(FOOD,), actions=(rest(),)),), day=24.0),
 )  # fmt: skip
 
