@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import dataclasses
 import hashlib
 import io
 import json
@@ -21,7 +22,8 @@ import numpy as np
 
 from ecology.env import Ecology, Tick
 from ecology.errors import EcologyError
-from ecology.kernels import inside_polygon
+from ecology.kernels import inside_polygon, stays
+from ecology.plane import corners_of
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints, State
@@ -309,13 +311,23 @@ def a_copy_lives_on(scenario: Scenario, ticks: int) -> None:
 
 
 def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
-    """Hold the living to be within the arena, whatever they do."""
+    """Hold the living to be within the arena, and their ways to cross no wall, whatever they do."""
+    if scenario.rule is not None:  # a rule may put a body behind a wall, so ways are looked at without it
+        bodies_stay_inside(dataclasses.replace(scenario, rule=None), ticks)
     env = Ecology(scenario)
-    walls = np.array(scenario.arena.vertices, dtype=float)
+    walls = corners_of(scenario.arena)
     (left, bottom), (right, top) = scenario.arena.extent
-    for _, _, tick in _lives(env, 9, ticks):
+    came_from = np.empty((env.size, 2))
+    for before, _, tick in _lives(env, 9, ticks):
         places = env.state_view.position
         if scenario.arena.walls:
+            walked = before.alive & tick.alive & (env.state_view.tick > 1) & (scenario.rule is None)
+            for slot in np.flatnonzero(walked & ~stays(walls, came_from, places)).tolist():
+                raise EcologyError(
+                    f"tick {env.state_view.tick}: {env.name_of(slot)} goes through a wall, from "
+                    f"{came_from[slot].tolist()} to {places[slot].tolist()}."
+                )
+            came_from = places.copy()
             inside = inside_polygon(walls, places)
         else:
             x, y = places.T
@@ -404,7 +416,7 @@ CHECKS: Mapping[str, Check] = {
     "the same seed gives the same life": the_seed_decides_the_life,
     "a snapshot lives on bit for bit": a_snapshot_lives_on,
     "a copy lives on bit for bit": a_copy_lives_on,
-    "nobody leaves the arena": bodies_stay_inside,
+    "nobody leaves the arena or goes through a wall": bodies_stay_inside,
     "every account closes": accounts_close,
     "names never return": names_never_return,
 }

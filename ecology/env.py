@@ -17,7 +17,7 @@ from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import World
 from ecology.physics import Physics
-from ecology.plane import plane_of
+from ecology.plane import corners_of, plane_of
 from ecology.scenario import Scenario
 from ecology.senses import Layout
 from ecology.spec import Species, require
@@ -107,11 +107,11 @@ class Ecology(ParallelEnv):
         ends = np.cumsum(counts).tolist()
         blocks = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
         self._plane = plane_of(scenario.arena)
-        self._walls = np.array(scenario.arena.vertices, dtype=float)
+        self._walls = corners_of(scenario.arena)
         self._body = physiology.compile_bodies(species, width)
         self._eyes = senses.compile_eyes(species, scenario.arena, scenario.resources)
         self._tables = [compile_actions(s, scenario.resources, species) for s in species]
-        self._resources = resources.compile_resources(scenario.resources)
+        self._resources = resources.compile_resources(scenario.resources, scenario.arena, species)
         self._gazes = [
             senses.compile_gaze(s, rows, scenario.arena, scenario.resources, species)
             for s, rows in zip(species, blocks, strict=True)
@@ -248,7 +248,7 @@ class Ecology(ParallelEnv):
             gave=np.full(n, -1),
             inside=np.zeros((n, r), bool),
             seen=np.zeros((n, r), bool),
-            resource_position=resources.first_places(table, self.scenario.arena, self._rng["motion"]),
+            resource_position=resources.first_places(table, self._rng["motion"]),
             stock=table.stock.copy(),
             available=resources.appear(table, np.ones(r, bool), 1, self._rng["availability"]),
             grown=np.zeros(r),
@@ -521,7 +521,7 @@ class Ecology(ParallelEnv):
         until = (state.tick + 1) * self.dt
         places = resources.swing(table, state.resource_position, until)
         places = resources.drift(table, self.scenario.arena, places, self.dt, self._rng["motion"])
-        places, gone = resources.relocate(table, self.scenario.arena, places, emptied, self._rng["motion"])
+        places, gone = resources.relocate(table, places, emptied, self._rng["motion"])
         grown[gone] += table.stock[gone] - stock[gone]
         stock[gone] = table.stock[gone]
         if gone.any():  # who was on the way there does not know where it went

@@ -11,8 +11,9 @@ from typing import Any
 from ecology import typed
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import Rule
+from ecology.resources import consumers, too_far
 from ecology.senses import SENSES, layout
-from ecology.spec import Action, Arena, Oscillation, Relocation, Resource, Species, require
+from ecology.spec import Action, Arena, Drift, Oscillation, Relocation, Resource, Species, require
 from ecology.state import State
 
 SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
@@ -129,6 +130,17 @@ class Scenario:
                     room.covers(shapely.Point(species.position)),
                     f"species {species.name!r}: its position {species.position!r} lies outside the arena "
                     f"or nearer than its radius {species.radius!r} to a wall.",
+                )
+        for resource in self.resources:
+            if isinstance(resource.motion, Drift):  # sooner or later it comes into reach
+                continue
+            for species in consumers(resource, self.species)[:1]:  # the one with the smallest body
+                require(
+                    not too_far(resource, self.arena, species),
+                    f"resource {resource.name!r}: at {resource.position!r}, with the radius {resource.radius!r}, it is "
+                    "too near to a wall for every species that consumes it; the smallest body, of "
+                    f"{species.name!r}, has the radius {species.radius!r}. Move the resource away from the wall, widen "
+                    "its circle or make the body smaller.",
                 )
 
     def _check_species(self, species: Species) -> None:

@@ -17,6 +17,7 @@ import gymnasium
 
 from ecology import EcologyError, GymEnv, Scenario, gym_env
 from ecology.errors import nearest
+from ecology.typed import plain
 from scenarios import _faults
 
 HERE = Path(__file__).parent
@@ -119,7 +120,7 @@ def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any])
     for key, value in changes.items():
         if key not in defaults:
             raise EcologyError(f"the scenario {name!r} has no setting {key!r}. {nearest(key, defaults)}")
-        default = defaults[key]
+        default, value = defaults[key], plain(value)
         if isinstance(default, bool) or isinstance(value, bool):
             good = isinstance(default, bool) and isinstance(value, bool)
         elif isinstance(default, float):

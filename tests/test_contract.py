@@ -189,7 +189,7 @@ SABOTAGE = {
     "a copy lives on bit for bit": lambda: damaged(
         "__getstate__", lambda it: it | {"_rng": {name: np.random.default_rng(0) for name in it["_rng"]}}
     ),
-    "nobody leaves the arena": lambda: (
+    "nobody leaves the arena or goes through a wall": lambda: (
         Physics,
         "move",
         lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
