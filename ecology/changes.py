@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ecology import kernels
 from ecology.errors import EcologyError, nearest
 from ecology.physiology import Body
 from ecology.plane import Plane
@@ -15,7 +14,7 @@ from ecology.resources import ResourceTable
 from ecology.scenario import Scenario
 from ecology.senses import wrap
 from ecology.spec import require
-from ecology.state import CAUSES, Bools, Ints, State
+from ecology.state import CAUSES, Bools, Floats, Ints, State
 
 ROUNDING = 1e-9  # share of a capacity by which a stock that has grown to it may exceed it
 WHAT = {"b": "True or False", "i": "whole numbers", "f": "numbers"}
@@ -91,14 +90,12 @@ def check(
         if not good.all():
             slot, need = np.argwhere(~good)[0]
             _hold("internal", x, good, f"within the bounds of the need, {low[slot, need]:g} to {high[slot, need]:g}")
-    walls = np.array(scenario.arena.vertices, dtype=float)
-    if changed.keys() & {"position", "alive"} and not plane.torus:
+    if changed.keys() & {"position", "alive"}:
         place = changed.get("position", state.position)
-        _hold("position", place, kernels.inside_polygon(walls, place) | ~alive, "inside the arena")
+        _hold("position", place, _inside(scenario, place) | ~alive, "inside the arena")
     if "resource_position" in changed:
         place = changed["resource_position"] = plane.home(changed["resource_position"])
-        if not plane.torus:
-            _hold("resource_position", place, kernels.inside_polygon(walls, place), "inside the arena")
+        _hold("resource_position", place, _inside(scenario, place), "inside the arena")
     if "stock" in changed:
         stock = changed["stock"]
         good = (stock >= 0) & (stock <= table.capacity * (1.0 + ROUNDING))
@@ -118,6 +115,16 @@ def check(
             if not good.all():
                 _hold(name, value, good, f"a whole number from {low_} to {top[np.argmin(good)] - 1}")
     _names(changed, state, scenario, alive)
+
+
+def _inside(scenario: Scenario, place: Floats) -> Bools:
+    """Return which of `place` (n, 2) a scenario would allow, (n,); all where the arena is a torus."""
+    if not scenario.arena.walls:
+        return np.ones(len(place), bool)
+    import shapely  # slow to load
+
+    found: Bools = shapely.contains_xy(shapely.Polygon(scenario.arena.vertices), place)
+    return found
 
 
 def _names(changed: Mapping[str, np.ndarray], state: State, scenario: Scenario, alive: Bools) -> None:

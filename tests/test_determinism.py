@@ -72,7 +72,7 @@ def test_what_was_handed_out_never_changes():
     now = lives(dataclasses.replace(everything(), rule=keep), 120)
     assert now.closed.any()
     assert now.next_serial > 30
-    growing = kind(count=4, capacity=9, birth=ecology.Birth(rate=0.1, cost={"food": 0.0}), arrival=0.05)
+    growing = kind(count=4, capacity=9, birth=ecology.Birth(rate=0.1, threshold={"food": 1.0}), arrival=0.05)
     lives(square(growing), 60)  # nobody meets anybody
     for seen, as_handed_out in kept:
         for name, values in as_handed_out.arrays().items():
