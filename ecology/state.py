@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,10 @@ class State:
 
 
 class _ReadOnly(State):
-    """A state that was handed out: no field of it can be set."""
+    """A state that was handed out: no field of it can be set; what `dataclasses.replace` makes of it is a State."""
+
+    def __new__(cls, **values: Any) -> State:  # type: ignore[misc]
+        return State(**values) if values else object.__new__(cls)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise EcologyError(

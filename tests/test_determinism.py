@@ -87,7 +87,9 @@ def test_a_view_refuses_what_would_be_lost():
     mine = env.state_view.copy()
     mine.internal = np.zeros((1, 1))
     mine.heading[0] = 1.0
-    assert env.state_view.internal[0, 0] == 2.0
+    later = dataclasses.replace(env.state_view, tick=5)
+    later.tick += 1
+    assert (env.state_view.internal[0, 0], env.state_view.tick, later.tick) == (2.0, 0, 6)
 
 
 def test_noise_does_not_move_births(room):
