@@ -225,10 +225,11 @@ def what_was_handed_out_stays(scenario: Scenario, ticks: int) -> None:
     """Hold later ticks not to write into arrays that were handed out before."""
     env, kept = Ecology(scenario), []
     for before, _, tick in _lives(env, 5, min(ticks, HANDED_OUT)):
-        for one in (before, tick):
+        for one in (before, tick, env.state_view):
             parts = {name: values for name, values in vars(one).items() if isinstance(values, np.ndarray)}
-            parts |= {f"observations of {name}": values for name, values in one.observations.items()}
-            parts |= {f"masks of {name}": values for name, values in one.masks.items()}
+            if isinstance(one, Tick):
+                parts |= {f"observations of {name}": values for name, values in one.observations.items()}
+                parts |= {f"masks of {name}": values for name, values in one.masks.items()}
             kept.append([(env.state_view.tick, name, values, values.copy()) for name, values in parts.items()])
     for parts_ in kept:
         for t, name, values, as_handed_out in parts_:

@@ -63,6 +63,9 @@ class Tally:
         self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
         self.gone = np.zeros(len(env.groups), np.int64)  # tick at which the last of a species died, 0 while it lives
         self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
+        self.fatal = np.zeros((len(env.groups), needs), np.int64)  # deaths by species and the lethal need
+        self.killed = np.zeros((len(env.groups), len(env.groups)), np.int64)  # deaths by species and the killer's
+        self._species_of = np.repeat(np.arange(len(env.groups)), [group.size for group in env.groups.values()])
         self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
         self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
         self.actions = np.zeros((env.size, max(len(g.actions) for g in env.groups.values())), np.int64)
@@ -94,6 +97,10 @@ class Tally:
             for i, group in enumerate(self._groups.values()):
                 causes = state.cause[group.slots][tick.died[group.slots]]
                 self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
+            died = np.flatnonzero(tick.died)
+            of_need, bitten = died[state.fatal_need[died] >= 0], died[tick.killer[died] >= 0]
+            np.add.at(self.fatal, (self._species_of[of_need], state.fatal_need[of_need]), 1)
+            np.add.at(self.killed, (self._species_of[bitten], self._species_of[tick.killer[bitten]]), 1)
         if tick.born.any():
             self.births += [np.count_nonzero(tick.born[group.slots]) for group in self._groups.values()]
         self.closed, self.returned = int(state.closed.sum()), state.returned
@@ -150,6 +157,8 @@ class Tally:
                 "most": int(self.most[i]),
                 "died_out": int(self.gone[i]) or None,
                 "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
+                "fatal_needs": {need.name: int(n) for need, n in zip(species.needs, self.fatal[i], strict=False) if n},
+                "killed_by": {name: int(n) for name, n in zip(self._groups, self.killed[i], strict=True) if n},
             }
             lived = self.lived[group.slots].sum()
             delta = self.delta[group.slots].sum(axis=0)
@@ -172,7 +181,10 @@ class Tally:
             "bodies_put_back": self.returned,
         }
 
-    ARRAYS = ("drive", "living", "now", "least", "most", "gone", "births", "causes", "delta", "lived", "actions")
+    ARRAYS = (
+        "drive", "living", "now", "least", "most", "gone", "births", "causes", "fatal", "killed", "delta", "lived",
+        "actions",
+    )  # fmt: skip
     VALUES = ("tick", "span", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -1,10 +1,14 @@
 """Whole lives, not single ticks, follow from the seed."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from worlds import everything, kind, signal, square, start
 
 import ecology
 import scenarios
+from ecology import contract
 
 
 def episode(env, ticks=3):
@@ -81,6 +85,46 @@ def test_another_seed_gives_other_births(room):
     env.reset_arrays(seed=1)
     assert np.array_equal(one.position, env.state_view.position)
     assert np.array_equal(one.heading, env.state_view.heading)
+
+
+def test_what_was_handed_out_never_changes():
+    """Views of the state, and what a rule is shown in the middle of a tick, stay as they were."""
+    kept = []
+
+    def keep(world, rng):
+        kept.append((world.state, world.state.copy()))
+        return signal(world, rng)
+
+    def lives(scenario, ticks):
+        env, rng = ecology.parallel_env(scenario), np.random.default_rng(0)
+        tick = env.reset_arrays(seed=0)
+        for _ in range(ticks):
+            kept.append((env.state_view, env.state_view.copy()))
+            tick = env.step_arrays(contract.choose(env, tick, rng, open_only=rng.random() < 0.8))
+        env.put(**env.state_view.arrays())
+        return env.state_view
+
+    now = lives(dataclasses.replace(everything(), rule=keep), 120)
+    assert now.closed.any()
+    assert now.next_serial > 30
+    growing = kind(count=4, capacity=9, birth=ecology.Birth(rate=0.1, threshold={"food": 1.0}), arrival=0.05)
+    lives(square(growing), 60)  # nobody meets anybody
+    for seen, as_handed_out in kept:
+        for name, values in as_handed_out.arrays().items():
+            assert np.array_equal(getattr(seen, name), values), name
+
+
+def test_a_view_refuses_what_would_be_lost():
+    """A field of a view cannot be set, which would change nothing; a copy can."""
+    env = start(square(kind()))
+    with pytest.raises(ecology.EcologyError, match=r"env.put\(internal="):
+        env.state_view.internal = np.zeros((1, 1))
+    mine = env.state_view.copy()
+    mine.internal = np.zeros((1, 1))
+    mine.heading[0] = 1.0
+    later = dataclasses.replace(env.state_view, tick=5)
+    later.tick += 1
+    assert (env.state_view.internal[0, 0], env.state_view.tick, later.tick) == (2.0, 0, 6)
 
 
 def test_noise_does_not_move_births(room):

@@ -13,6 +13,7 @@ import types
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from worlds import ask, kind, square, start
 
 import agents
 import ecology
@@ -451,7 +452,9 @@ def test_events_are_told_by_name(tmp_path):
                 came = f"born, child of {name[parent]}" if parent >= 0 else "arrived"
                 expected.append((state.tick, f"{name[slot]} {came}"))
             if tick.died[slot]:
-                expected.append((state.tick, f"{name[slot]} {census.DEATHS[ecology.state.CAUSES[state.cause[slot]]]}"))
+                killer = name[tick.killer[slot]] if tick.killer[slot] >= 0 else "nobody"
+                death = census.DEATHS[ecology.state.CAUSES[state.cause[slot]]].format(need="", killer=killer)
+                expected.append((state.tick, f"{name[slot]} {death}"))
             if state.bit[slot] >= 0:
                 expected.append((state.tick, f"{name[slot]} bit {name[state.bit[slot]]}"))
             if state.gave[slot] >= 0 and state.gave[slot] != before.gave[slot]:
@@ -463,8 +466,41 @@ def test_events_are_told_by_name(tmp_path):
     meals = (" ate ", " slept", "focus:")
     assert sorted(expected) == sorted(e for e in seen if not any(word in e[1] for word in meals))
     words = " ".join(text for _, text in seen)
-    for word in ("born, child", "arrived", "died, eaten", "by chance", "bit", "gave", "ate grass", "slept"):
+    for word in (
+        "born, child",
+        "arrived",
+        "died, eaten by predator_",
+        "by chance",
+        "bit",
+        "gave",
+        "ate grass",
+        "slept",
+    ):
         assert word in words
+
+
+def test_a_death_is_told_with_its_need_and_its_killer():
+    """The event log says which need was fatal, and who bit; the place of the killer is known."""
+    food = ecology.Need(name="food", set_point=2.0, decay=1.0, bounds=(0.0, 4.0), lethal=True)
+    calm = ecology.Need(name="calm", set_point=1.0)
+    prey = {"needs": (calm, food)}
+    scenario = square(
+        kind("wolf", ecology.bite("wounded", reach=1.0, damage={"food": 1.0}), position=(2.0, 2.0)),
+        kind("fox", ecology.bite("killed", reach=1.0), position=(6.0, 6.0)),
+        kind("wounded", position=(2.0, 2.5), **prey),
+        kind("killed", position=(6.0, 6.5), **prey),
+        kind("starved", position=(4.0, 4.0), **prey),
+    )
+    env = start(scenario, internal=[[2.0, 0.0], [2.0, 0.0], [1.0, 1.5], [1.0, 2.0], [1.0, 0.5]])
+    seen = census.Census(env)
+    tick = env.step_arrays(ask(env, wolf="bite_wounded", fox="bite_killed"))
+    (deaths,) = (event for event in seen.watch(env.state_view, tick) if event.kind == "died")
+    assert [census.words(scenario, tuple(env.groups.values()), deaths, i) for i in range(3)] == [
+        "wounded_2 died of food, bitten to death by wolf_0",
+        "killed_3 died, eaten by fox_1",
+        "starved_4 died of food, beyond its bounds",
+    ]
+    assert deaths.other_place.tolist() == [[2.0, 2.0], [6.0, 6.0], [4.0, 4.0]]
 
 
 def test_populations_are_counted(tmp_path):
@@ -494,8 +530,7 @@ def test_populations_are_counted(tmp_path):
     assert "/population/coupling/predator" not in entities
     weight, others = env.coupling("prey")
     state = env.state_view
-    both = state.alive[:16, None] & state.alive[others] & (np.arange(16)[:, None] != others)
-    assert np.array_equal(weight > 0, both)
+    assert np.array_equal(weight > 0, state.alive[:16, None] & state.alive[others])
 
 
 def _chunks(path):

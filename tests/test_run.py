@@ -88,6 +88,40 @@ def test_births_are_counted_where_there_is_room_for_more(tmp_path: Path) -> None
     assert summary["births"] > 0
 
 
+PREY = """
+from ecology import Arena, Need, Scenario, Species, bite, rest
+
+def build():
+    calm = Need(name="calm", set_point=1.0)
+    def kind(name, place, *acts, decay=0.0):
+        food = Need(name="food", set_point=1.0, decay=decay, bounds=(0.0, 4.0), lethal=decay != 0 or name == "wounded")
+        return Species(name=name, needs=(calm, food), actions=(rest(), *acts), position=place, count=2, solid=False)
+    return Scenario(
+        name="prey", arena=Arena(vertices=((0, 0), (8, 0), (8, 8), (0, 8))),
+        species=(kind("wolf", (2.0, 2.0), bite("wounded", reach=1.0, damage={"food": 0.3})),
+                 kind("fox", (6.0, 6.0), bite("killed", reach=1.0)),
+                 kind("wounded", (2.0, 2.5)), kind("killed", (6.0, 6.5)), kind("starved", (2.0, 6.0), decay=0.1)))
+"""
+
+
+def test_the_summary_says_of_what_and_by_whom_they_died(tmp_path: Path) -> None:
+    """By species: the causes of death, the lethal needs and the species of the killers; also of a resumed run."""
+    (tmp_path / "prey.py").write_text(PREY)
+    for ticks in (5, 60):
+        plan = resolve(str(tmp_path / "prey.py"), learners=["random"], ticks=ticks, record=False)
+        run = Run(plan, tmp_path / "run")
+        run.start() if ticks == 5 else run.resume()
+        found = run.live()["population"]
+    told = {name: [found[name][word] for word in ("died_of", "fatal_needs", "killed_by")] for name in found}
+    assert told == {
+        "wolf": [{}, {}, {}],
+        "fox": [{}, {}, {}],
+        "wounded": [{"bitten": 2}, {"food": 2}, {"wolf": 2}],
+        "killed": [{"eaten": 2}, {}, {"fox": 2}],
+        "starved": [{"need": 2}, {"food": 2}, {}],
+    }
+
+
 def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However often two blocks became one, also after resuming, the summary is that of every tick."""
     text = CROWD.replace("count=12", "count=3, capacity=12, birth=Birth(rate=0.01), hazard=Hazard(rate=0.01)")
