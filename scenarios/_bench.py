@@ -348,12 +348,9 @@ def called(name: str, version: str) -> str:
 
 def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     """Draw agent-steps per second over agents, a line for each name, with quartiles."""
-    from matplotlib import color_sequences
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from ecology.observers.plotting import color_sequences, new_figure  # slow to load
 
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure((9.0, 4.6))
     ax = figure.add_subplot()
     ours, theirs = (itertools.cycle(color_sequences[name]) for name in ("tab10", "Dark2"))
     for name in dict.fromkeys(speed.name for speed in found):

@@ -488,10 +488,8 @@ def points(outcomes: Iterable[Outcome]) -> list[Point]:
 
 def draw(path: Path, found: Sequence[Point], title: str, what: str) -> None:
     """Draw the mean drives over the first setting that varies, a line for every choice of the others."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     from ecology.observers.colours import PALETTE
+    from ecology.observers.plotting import new_figure  # slow to load
 
     axes = [axis for axis in found[0].varied if len({repr(point.varied[axis]) for point in found}) > 1]
     first, others = (axes[0], axes[1:]) if axes else ("", [])
@@ -502,8 +500,7 @@ def draw(path: Path, found: Sequence[Point], title: str, what: str) -> None:
     for value, point in zip(values, found, strict=True):
         name = ", ".join(f"{axis.removeprefix('set.')} {point.varied[axis]}" for axis in others)
         lines.setdefault(name, []).append((float(value) if numeric else words.index(str(value)), point))
-    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure((7.5, 4.6))
     ax = figure.add_subplot()
     step = min(np.diff(np.unique([at for line in lines.values() for at, _ in line])), default=1.0)
     for i, (name, line) in enumerate(lines.items()):
