@@ -27,7 +27,7 @@ def use_cache(file: str) -> None:
     """
     if not _can_cache(file):
         folder = str(_temporary_folder())
-        os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = folder
+        os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
 
 
 def _can_cache(file: str) -> bool:
