@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from ecology import EcologyError, Scenario
-from ecology.errors import nearest
+from ecology.errors import describe_refusal, nearest
 from scenarios import _faults
 
 HERE = Path(__file__).parent
@@ -31,7 +31,13 @@ def module(name: str) -> ModuleType:
     """
     path = Path(name)
     if path.suffix == ".py":
-        if not path.is_file():
+        try:
+            is_there = path.is_file()
+        except OSError as error:
+            raise EcologyError(
+                f"the scenario file cannot be read ({describe_refusal(error)}); give another."
+            ) from error
+        if not is_there:
             raise EcologyError(f"there is no scenario file {name!r}; give the path of a .py file.")
     elif name in names():
         path = HERE / f"{name}.py"
