@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict, Unpack
 
 import gymnasium
 import numpy as np
@@ -853,6 +853,13 @@ def _float32_below(values: Floats) -> np.ndarray:
     return np.where(np.isfinite(rounded), np.nextafter(rounded, np.float32(-np.inf)), rounded).astype(np.float32)
 
 
-def parallel_env(scenario: Scenario, **options: Any) -> Ecology:
+class EnvOptions(TypedDict, total=False):
+    """Options of `parallel_env`: those of `Ecology`."""
+
+    horizon: int | None
+    render_mode: str | None
+
+
+def parallel_env(scenario: Scenario, **options: Unpack[EnvOptions]) -> Ecology:
     """Return the world of `scenario` as a PettingZoo ParallelEnv."""
     return Ecology(scenario, **options)

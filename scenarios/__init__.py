@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib.util
 import inspect
@@ -13,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from ecology import EcologyError, Scenario
+from ecology.beside import importable_beside
 from ecology.errors import describe_refusal, nearest
 from scenarios import _faults
 
@@ -53,7 +55,8 @@ def module(name: str) -> ModuleType:
     loaded = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = loaded
     try:
-        spec.loader.exec_module(loaded)
+        with contextlib.nullcontext() if path.parent == HERE else importable_beside(path):
+            spec.loader.exec_module(loaded)
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:

@@ -232,7 +232,7 @@ class Process:
         said = self.process.communicate()[1].strip().splitlines() or ["it said nothing"]
         point = self.point
         if self.process.returncode == MISSING:
-            how = "`pip install 'ecology-sandbox[bench]'`"
+            how = "`pip install -e '.[bench]'`, run in the project's folder"
             if point.name.startswith("waterworld"):
                 how = "an environment of its own, `pip install pettingzoo==1.25.0 pymunk==6.11.1 pygame scipy`"
             raise EcologyError(

@@ -338,7 +338,7 @@ def by_ray(address: str) -> tuple[Attempt, int]:
         import ray
     except ImportError as error:
         raise EcologyError(
-            "--ray needs the package ray, which is not installed; install it with: pip install 'ecology-sandbox[ray]'"
+            "--ray needs the package ray, which is not installed; run in the project's folder: pip install -e '.[ray]'"
         ) from error
     try:
         if address not in ("local", "auto"):  # ray itself would wait for somebody to answer for many minutes

@@ -28,6 +28,7 @@ from rich.markup import escape
 from rich.table import Table
 
 import agents
+import ecology
 import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import check_writable, describe_refusal, is_from_system, nearest, writable
@@ -54,9 +55,18 @@ app = typer.Typer(
     name="ecology",
     help="An ecology sandbox: self-regulated agents that learn their bodies and their world.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+@app.callback()
+def common(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, help="Print the version and exit.")] = False,
+) -> None:
+    """An ecology sandbox: self-regulated agents that learn their bodies and their world."""
+    if version:
+        print(f"ecology {ecology.__version__}")
+        raise typer.Exit
 
 
 def main(words: Sequence[str] | None = None) -> None:

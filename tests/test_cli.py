@@ -19,7 +19,7 @@ import pytest
 
 import agents
 import scenarios
-from ecology import EcologyError, errors
+from ecology import EcologyError, __version__, errors
 from scenarios import cli
 from scenarios._values import read_value
 from scenarios.cli import main
@@ -795,3 +795,60 @@ def test_a_folder_that_nobody_may_enter_is_one_clear_error(ecology: Command, mon
     ):
         code, _, err = ecology(*words)
         assert (code, "Permission denied" in err, "Traceback" in err) == (2, True, False), (words, err)
+
+
+def test_the_version_is_printed(ecology: Command) -> None:
+    """`ecology --version` prints the version of the package."""
+    assert ecology("--version") == (0, f"ecology {__version__}\n", "")
+
+
+def test_the_package_is_the_command(tmp_path: Path) -> None:
+    """`python -m ecology` is the command line, wherever it is started."""
+    done = subprocess.run(
+        [sys.executable, "-m", "ecology", "--version"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"ecology {__version__}\n", "")
+
+
+def test_a_shell_completes_commands(tmp_path: Path) -> None:
+    """The completion that a shell asks for names commands."""
+    env = {**os.environ, "_ECOLOGY_COMPLETE": "complete_bash", "COMP_WORDS": "ecology sw", "COMP_CWORD": "1"}
+    code = "import sys; sys.argv[0] = 'ecology'; from scenarios.cli import main; main([])"
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["sweep"], done.stderr
+
+
+TWO = "from tools import DECAY\n" + OPTIONAL.replace("decay=0.01", "decay=DECAY")
+
+
+def test_a_scenario_may_be_several_files(short: Command, tmp_path: Path) -> None:
+    """A scenario imports from files beside it, wherever it is; two of them may use one name for different files."""
+    for folder, decay in (("one", 0.25), ("two", 0.5)):
+        Path(folder).mkdir()
+        Path(folder, "mine.py").write_text(TWO)
+        Path(folder, "tools.py").write_text(f"DECAY = {decay}\n")
+    try:
+        for folder, decay in (("one", 0.25), ("two", 0.5), ("one", 0.25)):
+            assert scenarios.settings(f"{folder}/mine.py")["decay"] == decay
+        assert short("two/mine.py", "--out", "run")[0] == 0
+        assert tomllib.loads(Path("run/config.toml").read_text())["settings"]["decay"] == 0.5
+    finally:
+        sys.modules.pop("tools", None)
+        sys.path[:] = [entry for entry in sys.path if not entry.startswith(str(tmp_path))]
+
+
+def test_a_learner_may_be_several_files(short: Command, tmp_path: Path) -> None:
+    """A learner imports from files beside it, too."""
+    Path("own").mkdir()
+    Path("own/tricks.py").write_text("CHOICE = 0\n")
+    Path("own/mine.py").write_text(
+        "import numpy as np\nfrom agents.base import Learner\nfrom tricks import CHOICE\n\n"
+        "class Mine(Learner):\n    def act(self, observations, masks):\n"
+        "        return np.full(self.size, CHOICE)\n"
+    )
+    try:
+        code, _, err = short("paper", "--learner", "own/mine.py")
+        assert (code, err) == (0, "")
+    finally:
+        sys.modules.pop("tricks", None)
+        sys.path[:] = [entry for entry in sys.path if not entry.startswith(str(tmp_path))]
