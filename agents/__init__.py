@@ -15,6 +15,7 @@ import numpy as np
 
 from agents.base import Learner
 from ecology import EcologyError, Group
+from ecology.beside import importable_beside
 from ecology.errors import nearest
 
 # name -> module, class, the mapping in the module that holds its settings where they are not the
@@ -81,7 +82,8 @@ def _classes(path: Path, changed: int) -> dict[str, type[Learner]]:  # noqa: ARG
     loaded = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = loaded  # dataclasses look their module up
     try:
-        spec.loader.exec_module(loaded)
+        with importable_beside(path):
+            spec.loader.exec_module(loaded)
     except SyntaxError as error:
         raise EcologyError(f"the learner file {str(path)!r} is no Python: {error}.") from error
     return {

@@ -7,16 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
 
 from agents.evaluation import DeviationCheck, Findings, Life, Maps
 from ecology import EcologyError, Scenario, Species
 from ecology.observers import recorder
 from ecology.observers.colours import need_colour, resource_colours, shaded
+from ecology.observers.plotting import Axes, Circle, Figure, LineCollection, Polygon, new_figure
 from ecology.state import Floats
 
 DPI = 130
@@ -68,7 +64,7 @@ def deviation_maps(maps: Maps, scenario: Scenario, species: Species, told: Mappi
     count = len(maps.needs)
     columns = min(count, 2)
     rows = -(-count // columns)
-    figure = Figure(figsize=(5.6 * columns, 4.3 * rows), layout="constrained")
+    figure = new_figure((5.6 * columns, 4.3 * rows))
     half = maps.grid.cell / 2
     extent = (
         maps.grid.x[0] - half, maps.grid.x[-1] + half, maps.grid.y[0] - half, maps.grid.y[-1] + half,
@@ -101,7 +97,7 @@ def internal_states(life: Life, scenario: Scenario, species: Species, slot: int 
         )
         if rows
     ]
-    figure = Figure(figsize=(10, 2.6 * (len(groups) + 1)), layout="constrained")
+    figure = new_figure((10, 2.6 * (len(groups) + 1)))
     axes = figure.subplots(len(groups) + 1, 1, sharex=True, squeeze=False)[:, 0]
     for ax, (title, rows) in zip(axes, groups, strict=False):
         for k, i in enumerate(rows):
@@ -131,7 +127,7 @@ def trajectory(life: Life, scenario: Scenario, species: Species, layout: Sequenc
     where = [list(layout).index("x"), list(layout).index("y")]
     path = life.zeta[: ticks + 1, slot][:, where]
     time = np.arange(ticks + 1) * scenario.dt
-    figure = Figure(figsize=(8.5, 6), layout="constrained")
+    figure = new_figure((8.5, 6))
     ax = figure.add_subplot()
     arena(ax, scenario)
     pieces = np.stack([path[:-1], path[1:]], axis=1)
@@ -148,7 +144,7 @@ def trajectory(life: Life, scenario: Scenario, species: Species, layout: Sequenc
 
 def losses(tick: Floats, columns: Mapping[str, Floats]) -> Figure:
     """Draw losses (T,) by name over the ticks (T,), smoothed by a running median."""
-    figure = Figure(figsize=(9, 3.0 * len(columns)), layout="constrained")
+    figure = new_figure((9, 3.0 * len(columns)))
     axes = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, value) in zip(axes, columns.items(), strict=True):
         good = np.isfinite(value) & (value > 0)
@@ -174,7 +170,7 @@ def losses(tick: Floats, columns: Mapping[str, Floats]) -> Figure:
 def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Figure:
     """Draw the mean drive of the learner and of those it is measured against, with intervals."""
     rows = sorted((d["mean"], name) for name, d in drives.items() if d["mean"] is not None)
-    figure = Figure(figsize=(8, 0.55 * len(rows) + 1.6), layout="constrained")
+    figure = new_figure((8, 0.55 * len(rows) + 1.6))
     ax = figure.add_subplot()
     end = [mean if drives[name]["high"] is None else drives[name]["high"] for mean, name in rows]
     for i, (mean, name) in enumerate(rows):
@@ -194,7 +190,7 @@ def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Fig
 
 def deviation_check(checks: Mapping[str, DeviationCheck]) -> Figure:
     """Draw J against the discounted drive measured along the same policy."""
-    figure = Figure(figsize=(6.4, 6), layout="constrained")
+    figure = new_figure((6.4, 6))
     ax = figure.add_subplot()
     words = {"life": "along a life", "random_starts": "after random starts"}
     marks = {"life": ("o", LEARNED), "random_starts": ("^", "#D55E00")}
@@ -247,7 +243,6 @@ def draw(
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.png")
-        FigureCanvasAgg(figure)
         figure.savefig(paths[-1], dpi=DPI)
     return paths
 

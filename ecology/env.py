@@ -6,7 +6,7 @@ import copy
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict, Unpack
 
 import gymnasium
 import numpy as np
@@ -28,7 +28,7 @@ CONCERNS = ("birth", "noise", "availability", "motion", "meeting", "offspring", 
 # attributes of Ecology that never change, which a copy shares
 FIXED = (
     "scenario", "groups", "_plane", "_walls", "_body", "_eyes", "_tables", "_resources", "_gazes", "_couplings",
-    "_radius", "_solid", "_species_of", "_looks", "_choices", "_acting", "_needs", "_has_need",
+    "_radius", "_solid", "_species_of", "_looks", "_choices", "_acting", "_needs", "_has_need", "_patches",
 )  # fmt: skip
 
 
@@ -1001,6 +1001,13 @@ def _float32_below(values: Floats) -> np.ndarray:
     return np.where(np.isfinite(rounded), np.nextafter(rounded, np.float32(-np.inf)), rounded).astype(np.float32)
 
 
-def parallel_env(scenario: Scenario, **options: Any) -> Ecology:
+class EnvOptions(TypedDict, total=False):
+    """Options of `parallel_env`: those of `Ecology`."""
+
+    horizon: int | None
+    render_mode: str | None
+
+
+def parallel_env(scenario: Scenario, **options: Unpack[EnvOptions]) -> Ecology:
     """Return the world of `scenario` as a PettingZoo ParallelEnv."""
     return Ecology(scenario, **options)

@@ -1,6 +1,6 @@
 """Loops over bodies, pairs and patches, compiled by Numba: what arrays alone would do many times over.
 
-Compiled once per machine and kept beside this file (or in Numba's own cache where that cannot be written).
+Compiled once per machine and kept beside this file (or where `compiler_cache` says if that cannot be written).
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ import math
 import numba
 import numpy as np
 
+from ecology.compiler_cache import use_cache
 from ecology.state import Bools, Floats, Ints
+
+use_cache(__file__)
 
 
 @numba.njit(cache=True)

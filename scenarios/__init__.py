@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib.util
 import inspect
@@ -16,7 +17,8 @@ import cloudpickle
 import gymnasium
 
 from ecology import EcologyError, GymEnv, Scenario, gym_env
-from ecology.errors import nearest
+from ecology.beside import importable_beside
+from ecology.errors import describe_refusal, nearest
 from ecology.typed import plain
 from scenarios import _faults
 
@@ -36,7 +38,13 @@ def module(name: str) -> ModuleType:
     """
     path = Path(name)
     if path.suffix == ".py":
-        if not path.is_file():
+        try:
+            is_there = path.is_file()
+        except OSError as error:
+            raise EcologyError(
+                f"the scenario file cannot be read ({describe_refusal(error)}); give another."
+            ) from error
+        if not is_there:
             raise EcologyError(f"there is no scenario file {name!r}; give the path of a .py file.")
     elif name in names():
         path = HERE / f"{name}.py"
@@ -52,7 +60,8 @@ def module(name: str) -> ModuleType:
     loaded = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = loaded
     try:
-        spec.loader.exec_module(loaded)
+        with contextlib.nullcontext() if path.parent == HERE else importable_beside(path):
+            spec.loader.exec_module(loaded)
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:

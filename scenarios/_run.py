@@ -19,7 +19,7 @@ import agents
 from agents import checkpoint, loop
 from agents.base import DivergedError, Learner
 from ecology import Ecology, EcologyError, Scenario, State, Tick
-from ecology.errors import writable
+from ecology.errors import readable, writable
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
 from scenarios import _faults
@@ -489,14 +489,16 @@ def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
     path, mine = folder / EVALUATION, json.loads(json.dumps(_finite(words)))
     then = f"give --again to replace it, or move {EVALUATION} and {FIGURES}/ away to keep it."
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        with readable("the evaluation", path):
+            text = path.read_text(encoding="utf-8")
+        told = json.loads(text)
         differ = [
             f"{key} {told.get(key)!r} instead of {value!r}" for key, value in mine.items() if told.get(key) != value
         ]
     except FileNotFoundError:
         return
-    except (OSError, ValueError, AttributeError) as error:
-        raise EcologyError(f"the evaluation {str(path)!r} cannot be read ({error}); {then}") from error
+    except (ValueError, AttributeError) as error:
+        raise EcologyError(f"the evaluation {str(path)!r} is damaged ({error}); {then}") from error
     if differ:
         raise EcologyError(
             f"the folder {str(folder)!r} holds an evaluation that was made with {', '.join(differ)}; {then}"

@@ -29,9 +29,10 @@ from typing import Any
 import numpy as np
 
 from ecology import EcologyError
-from ecology.errors import writable
+from ecology.errors import readable, writable
 from scenarios._plan import CONFIG, Plan, read_config, resolve
 from scenarios._run import SUMMARY, StoppedError, held, opened, replace_text, write_json
+from scenarios._values import as_key, read_value, split_values
 
 TABLE, FIGURE, RUNS = "sweep.parquet", "sweep.png", "runs"  # what the folder of a sweep holds
 LEARNED = "learned_drive"  # key of the summary of a run that was measured after it
@@ -80,21 +81,19 @@ def seeds_of(text: str) -> list[int]:
 
 
 def values_of(text: str) -> tuple[str, list[Any]]:
-    """Return key and values of "key=1,2,[3, 4],word": TOML, or words where it is not."""
+    """Return key and values of "key=1,2,[3, 4],word"; values that mean the same are there once."""
     key, sign, told = text.partition("=")
     if not sign or not key.strip() or not told.strip():
         raise EcologyError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
-    values = _toml(f"[{told}]")
-    if values is None:
-        values = [word if (value := _toml(word)) is None else value for word in map(str.strip, told.split(","))]
-    return key.strip(), values
-
-
-def _toml(text: str) -> Any:
-    with contextlib.suppress(tomllib.TOMLDecodeError, RecursionError):
-        read = tomllib.loads(f"value = {text}")
-        return read["value"] if set(read) == {"value"} else None
-    return None
+    parts = split_values(told)
+    if not parts[-1]:  # a comma at the end
+        parts.pop()
+    if not all(parts):
+        raise EcologyError(f"--set takes KEY=VALUE,VALUE,... with a value between any two commas, got {text!r}.")
+    values: dict[Any, Any] = {}
+    for value in map(read_value, parts):
+        values.setdefault(as_key(value), value)
+    return key.strip(), list(values.values())
 
 
 def cells_of(
@@ -118,7 +117,7 @@ def cells_of(
     for word in learners:
         species, _, names = word.rpartition("=")
         axis = f"learner.{species}" if species else "learner"
-        axes[axis] = [("learner", f"{species}={name}" if species else name) for name in names.split(",")]
+        axes[axis] = [("learner", f"{species}={name}" if species else name) for name in dict.fromkeys(names.split(","))]
     cells: dict[str, Cell] = {}
     for choice in itertools.product(*axes.values()):
         told = dict(zip(axes, choice, strict=True))
@@ -167,9 +166,12 @@ def _lived_to(folder: Path, ticks: int) -> dict[str, Any] | None:
 def check(cell: Cell) -> None:
     """Raise EcologyError where the folder of a run holds a run that was told something else."""
     try:
-        there = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
+        with readable("the config", cell.folder / CONFIG):
+            there = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return
+    except EcologyError:
+        raise
     except (OSError, ValueError) as error:
         raise EcologyError(f"the config {str(cell.folder / CONFIG)!r} cannot be read: {error}.") from error
     mine = tomllib.loads(cell.plan.to_toml())
@@ -210,9 +212,13 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
     try:
-        rows = pq.read_table(path).to_pylist()
+        with readable("the table", path):
+            rows = pq.read_table(path).to_pylist()
     except (OSError, pa.ArrowException) as error:
-        raise EcologyError(f"the table {str(path)!r} cannot be read; move it away, or give another --out.") from error
+        raise EcologyError(
+            f"the table {str(path)!r} is damaged ({str(error).splitlines()[0]}). Move it away: the sweep writes it "
+            "again from its runs, which are kept."
+        ) from error
     if any("run" not in row for row in rows):
         raise EcologyError(f"the table {str(path)!r} is of no sweep; move it away, or give another --out.")
     return rows
@@ -332,7 +338,7 @@ def by_ray(address: str) -> tuple[Attempt, int]:
         import ray
     except ImportError as error:
         raise EcologyError(
-            "--ray needs the package ray, which is not installed; install it with: pip install 'ecology-sandbox[ray]'"
+            "--ray needs the package ray, which is not installed; run in the project's folder: pip install -e '.[ray]'"
         ) from error
     try:
         if address not in ("local", "auto"):  # ray itself would wait for somebody to answer for many minutes
@@ -488,10 +494,8 @@ def points(outcomes: Iterable[Outcome]) -> list[Point]:
 
 def draw(path: Path, found: Sequence[Point], title: str, what: str) -> None:
     """Draw the mean drives over the first setting that varies, a line for every choice of the others."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     from ecology.observers.colours import PALETTE
+    from ecology.observers.plotting import new_figure  # slow to load
 
     axes = [axis for axis in found[0].varied if len({repr(point.varied[axis]) for point in found}) > 1]
     first, others = (axes[0], axes[1:]) if axes else ("", [])
@@ -502,8 +506,7 @@ def draw(path: Path, found: Sequence[Point], title: str, what: str) -> None:
     for value, point in zip(values, found, strict=True):
         name = ", ".join(f"{axis.removeprefix('set.')} {point.varied[axis]}" for axis in others)
         lines.setdefault(name, []).append((float(value) if numeric else words.index(str(value)), point))
-    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure((7.5, 4.6))
     ax = figure.add_subplot()
     step = min(np.diff(np.unique([at for line in lines.values() for at, _ in line])), default=1.0)
     for i, (name, line) in enumerate(lines.items()):

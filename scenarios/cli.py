@@ -16,7 +16,6 @@ import sys
 import tempfile
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,14 +28,16 @@ from rich.markup import escape
 from rich.table import Table
 
 import agents
+import ecology
 import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
-from ecology.errors import check_writable, nearest, writable
+from ecology.errors import check_writable, describe_refusal, is_from_system, nearest, writable
 from ecology.observers.base import Mind, Observer
 from ecology.observers.wishes import Wishes
 from scenarios import _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
+from scenarios._values import read_value
 
 if TYPE_CHECKING:
     from ecology.observers.page import Page
@@ -54,9 +55,18 @@ app = typer.Typer(
     name="ecology",
     help="An ecology sandbox: self-regulated agents that learn their bodies and their world.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+@app.callback()
+def common(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, help="Print the version and exit.")] = False,
+) -> None:
+    """An ecology sandbox: self-regulated agents that learn their bodies and their world."""
+    if version:
+        print(f"ecology {ecology.__version__}")
+        raise typer.Exit
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -70,12 +80,19 @@ def main(words: Sequence[str] | None = None) -> None:
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
     except Exception as error:
-        told = error if isinstance(error, EcologyError) else _faults.of(error)
+        told = error if isinstance(error, EcologyError) else _faults.of(error) or _refused(error)
         if told is None:
             raise
         frames = told.frames if isinstance(told, _faults.FaultError) else ""
         print(f"{frames}ecology: {told}", file=sys.stderr)
         sys.exit(2)
+
+
+def _refused(error: Exception) -> EcologyError | None:
+    """Return what to say where the operating system refused a path that the user gave; else None."""
+    if not isinstance(error, OSError) or not is_from_system(error) or error.filename is None:
+        return None
+    return EcologyError(f"{describe_refusal(error)}. Give another path, or allow using this one.")
 
 
 def _spelt(words: list[str]) -> list[str]:
@@ -185,6 +202,10 @@ def run(
     ] = False,
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of the page for --serve.", show_default="9090, or one that is free"),
+    ] = None,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
     focus: Annotated[
         list[str] | None,
@@ -212,6 +233,7 @@ def run(
         _refuse("--resume", record=record, no_record=no_record or None, keep_every=keep_every)
     elif previous:
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
+    _check_port(port, serve=serve)
     with contextlib.ExitStack() as stack:
         if resume is not None:
             stack.enter_context(_run.held(resume))
@@ -234,7 +256,9 @@ def run(
             )
             it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
             it.check_folder()
-        observers = _watchers(it, resume=resume is not None, view=view, serve=serve, connect=connect, focus=focus or ())
+        observers = _watchers(
+            it, resume=resume is not None, view=view, serve=serve, port=port, connect=connect, focus=focus or ()
+        )
         if resume is None:
             it.start()
             stack.enter_context(_run.held(it.folder))
@@ -269,6 +293,11 @@ def focus(
     print(wishes.ask(run, who, lambda: _run.busy(run)))
 
 
+def _check_port(port: int | None, *, serve: bool) -> None:
+    if port is not None and not serve:
+        raise EcologyError("--port requires --serve.")
+
+
 def _refuse(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
@@ -277,15 +306,11 @@ def _refuse(option: str, **given: Any) -> None:
 
 
 def _setting(text: str) -> tuple[str, Any]:
-    """Return key and value of "key=value", the value read as TOML or else as a word."""
+    """Return key and value of "key=value"."""
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
         raise EcologyError(f"--set takes KEY=VALUE, got {text!r}.")
-    try:
-        read = tomllib.loads(f"value = {value}")
-    except tomllib.TOMLDecodeError:
-        read = {}
-    return key.strip(), read["value"] if set(read) == {"value"} else value
+    return key.strip(), read_value(value)
 
 
 def _pairs(
@@ -328,6 +353,7 @@ def _watchers(
     resume: bool,
     view: bool = False,
     serve: bool = False,
+    port: int | None = None,
     connect: str | None = None,
     focus: Sequence[str] = (),
 ) -> list[Observer]:
@@ -345,12 +371,12 @@ def _watchers(
         observers.append(Recorder(it.folder / _run.METRICS, it.plan.record_every, resume=resume))
     if it.plan.record or view or serve or connect:
         from ecology.observers.rerun import RerunObserver  # slow to load
-        from ecology.observers.viewer import LOOPBACK, SERVE_PORT
+        from ecology.observers.viewer import LOOPBACK, SERVE_PORT, preferred_port
 
         rerun = RerunObserver(
             it.folder / _run.RECORDING if it.plan.record else None,
             every=it.plan.record_every,
-            serve=(LOOPBACK, SERVE_PORT if serve else 0) if view or serve else None,
+            serve=(LOOPBACK, preferred_port(LOOPBACK, SERVE_PORT) if serve else 0) if view or serve else None,
             connect=connect,
             focus=focus,
             detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
@@ -361,21 +387,29 @@ def _watchers(
         )
         observers.append(rerun)
         if rerun.url is not None:
-            observers.append(Audience(rerun.url, wishes, view=view, serve=serve))
+            observers.append(Audience(rerun.url, wishes, view=view, serve=serve, port=port))
     return observers
+
+
+def _web_port(port: int | None) -> int:
+    """Return the port to serve browsers at: the one given, or by default one that is free."""
+    from ecology.observers import viewer
+
+    if port is not None:
+        return viewer.free_port(viewer.LOOPBACK, port)
+    return viewer.preferred_port(viewer.LOOPBACK, viewer.WEB_PORT)
 
 
 class Audience:
     """Opens viewers on a run that serves, an observer: the viewer itself, or a page that tells of clicks."""
 
-    def __init__(self, url: str, wishes: Wishes, *, view: bool, serve: bool) -> None:
-        from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, needs_display
+    def __init__(self, url: str, wishes: Wishes, *, view: bool, serve: bool, port: int | None = None) -> None:
+        from ecology.observers.viewer import needs_display
 
         if view:
             needs_display("use --serve and look from a browser")
-        if serve:
-            free_port(LOOPBACK, WEB_PORT)
-        self._url, self._wishes, self._view, self._serve = url, wishes, view, serve
+        self.port = _web_port(port) if serve else None
+        self._url, self._wishes, self._view = url, wishes, view
         self._page: Page | None = None
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
@@ -385,9 +419,9 @@ class Audience:
 
         if self._view:
             viewer.attach(self._url)
-        if self._serve:
+        if self.port is not None:
             try:
-                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=viewer.WEB_PORT)
+                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=self.port)
                 print(f"watch in a browser: {self._page.url}")
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
@@ -869,6 +903,7 @@ def reproduce(
     from scenarios import _reproduce  # slow to load
 
     cases = _reproduce.chosen(names or ())
+    check_writable(out)  # what cannot be kept is told before the long part
     ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
     work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
     for case in cases:
@@ -917,6 +952,10 @@ def view(
     serve: Annotated[
         bool, typer.Option("--serve", help="Show it in a browser, where a click brings an agent into focus.")
     ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of the page for --serve.", show_default="9090, or one that is free"),
+    ] = None,
     screenshot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
     ] = None,
@@ -925,6 +964,7 @@ def view(
     """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
     if tick is not None and screenshot is None:
         raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
+    _check_port(port, serve=serve)
     if serve and screenshot is not None:
         raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
     from ecology.observers import viewer  # only here is a viewer looked for
@@ -944,7 +984,7 @@ def view(
         if serve:
             from ecology.observers.page import Page
 
-            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=viewer.WEB_PORT)
+            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=_web_port(port))
             stack.callback(page.close)
             print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
             with contextlib.suppress(KeyboardInterrupt):

@@ -678,6 +678,40 @@ def test_a_full_disk_is_one_clear_error(crowd: Callable[..., Run], monkeypatch: 
     assert lived(run.folder) == 100
 
 
+def test_a_checkpoint_that_may_not_be_read_is_not_called_damaged(
+    crowd: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without permission the error names that, and advises no new run."""
+    run = crowd("mine", 100)
+    run.start()
+    run.live()
+
+    def refuse(path: Path, *_: object, **__: object) -> str:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    for method in ("read_text", "read_bytes"):
+        with monkeypatch.context() as closed:
+            closed.setattr(Path, method, refuse)
+            with pytest.raises(EcologyError, match="Permission denied") as told:
+                checkpoint.read(run.folder / _run.CHECKPOINT)
+        assert "damaged" not in str(told.value)
+        assert "Start" not in str(told.value)
+    assert lived(run.folder) == 100
+
+
+def test_an_evaluation_that_may_not_be_read_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without permission to read an evaluation the error names that, and does not advise to replace it."""
+    (tmp_path / _run.EVALUATION).write_text("{}")
+
+    def refuse(path: Path, *_: object, **__: object) -> str:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    with pytest.raises(EcologyError, match="Permission denied") as told:
+        _run.check_evaluation(tmp_path, {})
+    assert "--again" not in str(told.value)
+
+
 class Diverging(Learner):
     """Lives for a while, then finds that a network of its third agent is no longer finite."""
 
