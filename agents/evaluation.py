@@ -21,7 +21,7 @@ from agents.planner import Camping, Paths, Planner, served
 from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
 from ecology.actions import ActionTable, compile_actions
 from ecology.life import scatter
-from ecology.observers.base import Mind
+from ecology.observers.base import Mind, Observer
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
 from ecology.senses import wrap
 from ecology.state import Bools, Floats, Ints
@@ -75,22 +75,16 @@ class Life:
     actions: Ints  # (T, n) executed
 
 
-class Diary:
+class Diary(Observer):
     """An observer that keeps a life of the species of `group`."""
 
     def __init__(self, group: Group, tick: Tick) -> None:
         self.group = group
         self.ticks = [tick]
 
-    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Need no preparation."""
-
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Keep a tick."""
         self.ticks.append(tick)
-
-    def end(self) -> None:
-        """Leave nothing open."""
 
     def actions(self) -> Ints:
         """Return the actions executed so far, (T, n)."""
@@ -355,7 +349,7 @@ def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, 
         fed: Bools = np.any(meals >= 0, axis=0)
         if fed.all() or len(meals) >= limit:
             break
-        tick = loop.run(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
+        tick = loop.advance(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
     when = (meals >= 0).argmax(axis=0)
     return np.where(fed, meals[when, np.arange(len(fed))], -1), when
 

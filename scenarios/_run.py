@@ -378,7 +378,7 @@ class Run:
             try:
                 while self.now < last:
                     ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
-                    self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers, clock=time.process_time)
+                    self.tick = loop.advance(self.env, self.learners, self.tick, ticks, watchers, clock=time.process_time)
                     self._keep(observers)
                     if keep and self.now % keep == 0:
                         self.save(self.folder / KEPT / str(self.now))
@@ -437,7 +437,7 @@ class Run:
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)
             watchers = (self.tally, *observers, interrupt)
-            self.tick = loop.run(self.env, self.learners, self.tick, at - self.now, watchers)
+            self.tick = loop.advance(self.env, self.learners, self.tick, at - self.now, watchers)
 
     def summary(self) -> dict[str, Any]:
         """Return what summary.json holds."""

@@ -28,7 +28,7 @@ class Mind(Protocol):
 
 
 class Observer(Protocol):
-    """Someone who watches a run."""
+    """Someone who watches a run; a class derived from it defines only the methods that it needs."""
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Be shown the world before its first tick; `minds` by species."""
