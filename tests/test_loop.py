@@ -30,12 +30,15 @@ class Log:
             raise RuntimeError(f"{word} of {self.name} failed")
 
     def begin(self, env, minds):
+        """Note the beginning."""
         self._note("begin")
 
     def watch(self, state, tick, minds):
+        """Note a tick."""
         self._note("watch")
 
     def end(self):
+        """Note the end."""
         self._note("end")
 
 
