@@ -581,20 +581,32 @@ def label(column: str) -> str:
     return column if "." in column else column.replace("_", " ")
 
 
-def check_shown(columns: Iterable[str], cell: Cell, summary: Mapping[str, Any]) -> None:
+def check_shown(columns: Iterable[str], cells: Sequence[Cell], summary_of: Callable[[Cell], Mapping[str, Any]]) -> None:
     """Raise EcologyError where one of `columns` is none of the numbers that the table will hold.
 
-    `summary` is that of the run of `cell` before its first tick.
+    `summary_of` returns the summary of a run before its first tick; settings may change which species there are.
     """
-    told = {**summary, **({LEARNED: None, LEARNED_OWN: None} if cell.evaluate else {})}
-    head = row(cell, {})
-    known = [key for key in row(cell, told) if key not in head]
-    open_ = tuple(f"population.{name}.died_of." for name in summary["population"])  # causes are told by what happens
-    for column in columns:
-        if column not in known and not column.startswith(open_):
-            raise EcologyError(
-                f"--show takes a column of {TABLE} that holds numbers, got {column!r}. {nearest(column, known)}"
-            )
+    missing, known = set(columns), list[str]()
+    choices = {repr(cell.varied): cell for cell in reversed(cells)}  # the first of each
+    seen = set()
+    for cell in reversed(choices.values()):
+        if not missing:
+            return
+        world = cell.plan.load()
+        named = [(each.name, [it.name for it in (*each.needs, *each.actions)]) for each in world.species]
+        if (kind := repr((named, [*world.measures]))) in seen:
+            continue
+        seen.add(kind)
+        summary = summary_of(cell)
+        told = {**summary, **({LEARNED: None, LEARNED_OWN: None} if cell.evaluate else {})}
+        head = row(cell, {})
+        known += [key for key in row(cell, told) if key not in head]
+        causes = tuple(f"population.{name}.died_of." for name in summary["population"])  # as many as will happen
+        missing = {column for column in missing if column not in known and not column.startswith(causes)}
+    for column in sorted(missing):
+        raise EcologyError(
+            f"--show takes a column of {TABLE} that holds numbers, got {column!r}. {nearest(column, set(known))}"
+        )
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

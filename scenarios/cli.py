@@ -608,13 +608,18 @@ def sweep(
     for cell in cells:
         _sweep.check(cell)
     _sweep.check_folder(out, cells)
-    plan = cells[0].plan if ray is None else dataclasses.replace(cells[0].plan, device="cpu")  # devices are elsewhere
-    first = Run(plan, cells[0].folder)  # what no run can start with is reported once, and now
-    _sweep.check_shown(show or (), cells[0], first.summary())
+
+    def built(cell: _sweep.Cell) -> Run:
+        plan = cell.plan if ray is None else dataclasses.replace(cell.plan, device="cpu")  # the device is elsewhere
+        return Run(plan, cell.folder)
+
+    first = built(cells[0])  # what no run can start with is reported once, and now
+    _sweep.check_shown(show or (), cells, lambda cell: (first if cell is cells[0] else built(cell)).summary())
     outcomes = [_sweep.Outcome(cell, _sweep.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
-    attempt, count = _sweep.by_process, _cpus
+    attempt: _sweep.Attempt = _sweep.by_process
+    count: Callable[[], int] = _cpus
     if ray is not None and waiting:
         attempt, count = _sweep.by_ray(ray, gpus=gpus, memory=memory or 0.0)
     with writable(out):

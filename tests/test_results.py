@@ -146,7 +146,7 @@ def test_a_measure_that_fails_is_reported_without_a_recording_too(ecology: Type)
 def test_columns_of_one_name_are_refused(tmp_path: Path) -> None:
     """A need named as the column of the own drive is one clear error before the first tick."""
     (tmp_path / "world.py").write_text(WORLD.replace('"food"', '"own_drive"'))
-    with pytest.raises(EcologyError, match="'own_drive'.*names of other columns"):
+    with pytest.raises(EcologyError, match=r"'own_drive'.*names of other columns"):
         Run(resolve(str(tmp_path / "world.py")), tmp_path / "out")
 
 
@@ -197,6 +197,15 @@ def test_a_column_of_ones_own_is_shown(sweep: Type) -> None:
     assert code == 0
     assert "births" in out
     assert "hunger" not in out
+
+
+def test_a_column_of_some_runs_is_shown(sweep: Type) -> None:
+    """A species that only some settings have can be shown, for the runs that have it."""
+    code, out, err = sweep("--set", "prey=0,2", "--set", "weight=0.0", "--show", "species_drive.prey")
+    assert code == 0, err
+    assert "prey drive" in out
+    table = pq.read_table("out/sweep.parquet").to_pydict()
+    assert table["species_drive.prey"][:2] == [None, None]
 
 
 @pytest.mark.parametrize("column", ["measures.hungr.mean", "hunger", "seed", "set.weight", ""])

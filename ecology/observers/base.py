@@ -32,12 +32,12 @@ class Observer(Protocol):
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Be shown the world before its first tick; `minds` by species."""
-        ...
+        return
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Be shown the read-only state after a tick."""
-        ...
+        return
 
     def end(self) -> None:
         """Finish: flush and close what was written."""
-        ...
+        return
