@@ -593,7 +593,10 @@ def check_shown(columns: Iterable[str], cells: Sequence[Cell], summary_of: Calla
         if not missing:
             return
         world = cell.plan.load()
-        named = [(each.name, [it.name for it in (*each.needs, *each.actions)]) for each in world.species]
+        named = [
+            (species.name, [need.name for need in species.needs], [action.name for action in species.actions])
+            for species in world.species
+        ]
         if (kind := repr((named, [*world.measures]))) in seen:
             continue
         seen.add(kind)

@@ -40,9 +40,9 @@ def test_every_block_of_the_page_runs(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "1500" in said
     assert "watched 100 ticks" in said
-    usual, hungry = names["futures"].values()
-    assert len(usual) == len(hungry) == 200
-    assert hungry[0] > usual[0] + 0.1
+    usual, met = names["futures"].values()
+    assert len(usual) == len(met) == 200
+    assert met[0] < 0.2 < usual[0]  # a tick after it; the drive of no deviation is the square root of epsilon
     assert names["trace"].ticks == list(range(1001, 1201))
     assert names["metrics"]["tick"][-1] == names["summary"]["ticks"] == 1000  # loading changed no file
 

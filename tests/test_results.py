@@ -12,7 +12,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from ecology import EcologyError
+import agents
+import scenarios
+from agents import evaluation
+from ecology import Ecology, EcologyError
 from scenarios import _run, _sweep
 from scenarios._plan import resolve
 from scenarios._run import Run
@@ -148,6 +151,17 @@ def test_columns_of_one_name_are_refused(tmp_path: Path) -> None:
     (tmp_path / "world.py").write_text(WORLD.replace('"food"', '"own_drive"'))
     with pytest.raises(EcologyError, match=r"'own_drive'.*names of other columns"):
         Run(resolve(str(tmp_path / "world.py")), tmp_path / "out")
+
+
+def test_an_evaluation_measures_own_drives(tmp_path: Path) -> None:
+    """A life without learning has the own drives too, worked out here from the deviations that are perceived."""
+    (tmp_path / "world.py").write_text(WORLD)
+    scenario = scenarios.load(str(tmp_path / "world.py"))
+    learner = agents.make("random", Ecology(scenario).groups["agent"], np.random.SeedSequence(0), {})
+    life = evaluation.fresh_life(scenario, learner, 40, seed=0)
+    own = np.sqrt(life.zeta[11:, :, 0] ** 2 + 1e-3).mean(axis=1)
+    np.testing.assert_allclose(evaluation.drive_series(life, 10, own=True), own, atol=1e-5)
+    assert np.abs(life.drive[1:] - life.own_drive).mean() > 1e-3  # agents alike have one mean, whatever they feel
 
 
 def test_a_sweep_with_empathy_shows_own_drives_first(sweep: Type, monkeypatch: pytest.MonkeyPatch) -> None:
