@@ -21,7 +21,7 @@ from agents.planner import Camping, Paths, Planner, served
 from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
 from ecology.actions import ActionTable, compile_actions
 from ecology.life import scatter
-from ecology.observers.base import Mind
+from ecology.observers.base import Mind, Observer
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
 from ecology.senses import wrap
 from ecology.state import Bools, Floats, Ints
@@ -44,6 +44,7 @@ ABOUT: Mapping[str, str] = {
     "mean_drive": "mean of the drive over ticks `skip` to `ticks` of a life from birth, no learning, for the "
     "learner (epsilon 0.05) and for each baseline in the same world; `low` and `high` bound the 95 % "
     "interval of a bootstrap over blocks of 500 ticks, `blocks` how many there were; of fewer than 2 there is none",
+    "mean_own_drive": "the same without what is felt of others; without empathy it equals `mean_drive`",
     "closed_gap": "(camping - learned) / (camping - planner) of the mean drives: 0 is no better than "
     "camping, 1 as good as the planner",
     "action_shares": "share of the ticks of the learner's life above that each action took",
@@ -70,27 +71,24 @@ class Life:
 
     zeta: Floats  # (T + 1, n, D)
     masks: Bools  # (T + 1, n, A)
-    drive: Floats  # (T + 1, n)
+    drive: Floats  # (T + 1, n) what is felt of others included
+    own_drive: Floats  # (T, n) after every tick, without what is felt of others
     alive: Bools  # (T + 1, n)
     actions: Ints  # (T, n) executed
 
 
-class Diary:
+class Diary(Observer):
     """An observer that keeps a life of the species of `group`."""
 
     def __init__(self, group: Group, tick: Tick) -> None:
         self.group = group
         self.ticks = [tick]
-
-    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Need no preparation."""
+        self.own_drive: list[Floats] = []
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Keep a tick."""
         self.ticks.append(tick)
-
-    def end(self) -> None:
-        """Leave nothing open."""
+        self.own_drive.append(state.own_drive[self.group.slots].copy())
 
     def actions(self) -> Ints:
         """Return the actions executed so far, (T, n)."""
@@ -104,6 +102,7 @@ class Diary:
             zeta=np.array([tick.observations[name] for tick in self.ticks], float),
             masks=np.array([tick.masks[name] for tick in self.ticks]),
             drive=np.array([tick.drive[slots] for tick in self.ticks]),
+            own_drive=np.array(self.own_drive).reshape(len(self.own_drive), self.group.size),
             alive=np.array([tick.alive[slots] for tick in self.ticks]),
             actions=self.actions(),
         )
@@ -169,9 +168,12 @@ def fresh_life(scenario: Scenario, learner: Learner, ticks: int, seed: int) -> L
     return live(env, learner, env.reset_arrays(seed), ticks)
 
 
-def drive_series(life: Life, skip: int) -> Floats:
-    """Return the drive from tick `skip` on, averaged over the living, up to the last death."""
-    alive, drive = life.alive[skip + 1 :], life.drive[skip + 1 :]
+def drive_series(life: Life, skip: int, *, own: bool = False) -> Floats:
+    """Return the drive from tick `skip` on, averaged over the living, up to the last death.
+
+    `own` leaves out what is felt of others.
+    """
+    alive, drive = life.alive[skip + 1 :], (life.own_drive if own else life.drive[1:])[skip:]
     some = alive.any(axis=1)
     return (drive * alive).sum(axis=1)[some] / alive.sum(axis=1)[some]
 
@@ -355,7 +357,7 @@ def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, 
         fed: Bools = np.any(meals >= 0, axis=0)
         if fed.all() or len(meals) >= limit:
             break
-        tick = loop.run(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
+        tick = loop.advance(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
     when = (meals >= 0).argmax(axis=0)
     return np.where(fed, meals[when, np.arange(len(fed))], -1), when
 
@@ -566,13 +568,16 @@ def evaluate(
     tell("living")
     life = fresh_life(scenario, learner, ticks, seed)
     drives = {"learned": interval(drive_series(life, skip))}
+    own_drives = {"learned": interval(drive_series(life, skip, own=True))}
     for other_name in BASELINES:
         tell(f"living as {other_name}")
         try:
             other = baseline(other_name, scenario, group, seed, ticks, home)
         except EcologyError:
             continue  # a world in which this one cannot live: nothing to walk to
-        drives[other_name] = interval(mean_drive(scenario, other, ticks, seed, skip))
+        other_life = fresh_life(scenario, other, ticks, seed)
+        drives[other_name] = interval(drive_series(other_life, skip))
+        own_drives[other_name] = interval(drive_series(other_life, skip, own=True))
     tell("maps")
     maps = maps_of(scenario, learner, slot)
     tell("probe")
@@ -602,6 +607,7 @@ def evaluate(
         "places": places,
         "epsilon": EPSILON,
         "mean_drive": drives,
+        "mean_own_drive": own_drives,
         "closed_gap": closed_gap(drives),
         "action_shares": action_shares(life, group),
         "deviation_maps": maps_report(maps, scenario, group) if maps is not None else None,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import dataclasses
 import logging
 import math
 import os
@@ -472,9 +473,11 @@ class Progress:
     def _show(self, minds: Mapping[str, Mind]) -> None:
         now, at = time.monotonic(), self._tally.tick
         parts = [f"{(at - self._from) / max(now - self._then, 1e-9):,.0f} ticks/s"]
-        drive = self._tally.mean_drive(self._from)
+        drive, own = self._tally.mean_drive(self._from), self._tally.mean_drive(self._from, own=True)
         if drive is not None:
             parts.append(f"mean drive {drive:.2f}")
+        if own != drive:
+            parts.append(f"own drive {own:.2f}")
         for key, symbol in (("loss_f", "L_f"), ("loss_J", "L_J")):
             losses = [np.asarray(report[key]) for mind in minds.values() if key in (report := mind.report())]
             known = np.concatenate(losses) if losses else np.empty(0)
@@ -499,19 +502,30 @@ class Progress:
 
 def _say(folder: Path, summary: Mapping[str, Any]) -> None:
     drive, last = summary["mean_drive"], summary["mean_drive_last_tenth"]
+    own, last_own = summary["mean_own_drive"], summary["mean_own_drive_last_tenth"]
+    felt = f" (own drive {_figure(own)}, {_figure(last_own)})" if (own, last_own) != (drive, last) else ""
     print(
         f"{summary['ticks']:,} ticks in {summary['wall_seconds']:,.1f} s; mean drive {_figure(drive)}, "
-        f"in the last tenth {_figure(last)}. The run is in {folder}"
+        f"in the last tenth {_figure(last)}{felt}. The run is in {folder}"
     )
-    for name, of in summary["population"].items() if summary["births"] or summary["deaths"] else ():
+    several = len(summary["population"]) > 1
+    for name, of in summary["population"].items() if several or summary["births"] or summary["deaths"] else ():
         gone = "" if of["died_out"] is None else f" (died out at tick {of['died_out']:,})"
-        print(f"{name}: {of['end']} alive{gone}, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
+        drive, own = summary["species_drive"][name], summary["species_own_drive"][name]
+        felt = f" (own drive {_figure(own)})" if own != drive else ""
+        print(
+            f"{name}: {of['end']} alive{gone}, {of['mean']:.1f} on average, from {of['least']} to {of['most']}; "
+            f"mean drive {_figure(drive)}{felt}"
+        )
+    for name, of in summary["measures"].items():
+        known = [_figure(of[key]) for key in ("mean", "least", "most", "end")]
+        print(f"{name}: {known[0]} on average, from {known[1]} to {known[2]}, {known[3]} at the end")
     watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
 
 
 def _figure(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+    return "-" if value is None or not math.isfinite(value) else f"{value:.3f}"
 
 
 # ---- fork ------------------------------------------------------------------------------------
@@ -590,12 +604,29 @@ def sweep(
     out: Annotated[Path | None, typer.Option(help="Folder of the sweep.", show_default="runs/sweep-SCENARIO")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time.", show_default="one a CPU")] = None,
     ray: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Live on a Ray cluster; `local` starts one here.")
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."
+        ),
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="cpu")
+    ] = None,
+    gpus: Annotated[
+        float | None,
+        typer.Option("--gpus-per-run", min=0.0, help="GPUs of a run on Ray.", show_default="1 with --device cuda"),
+    ] = None,
+    memory: Annotated[
+        float | None, typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory of a run on Ray.")
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
     evaluate: Annotated[
         bool, typer.Option("--evaluate", help="Measure what each has learned, as `ecology evaluate` does.")
     ] = False,
+    show: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN", help="Column of sweep.parquet to print and draw.", show_default="the drive"),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
@@ -605,29 +636,45 @@ def sweep(
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = _sweep.cells_of(
         scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
-        ticks=ticks, record=record,
+        ticks=ticks, record=record, device=device,
     )  # fmt: skip
+    gpus = _sweep.gpus_per_run(ray, device, gpus, memory)
     for cell in cells:
         _sweep.check(cell)
     _sweep.check_folder(out, cells)
-    Run(cells[0].plan, cells[0].folder)  # what no run can live with is told once, and now
+
+    def built(cell: _sweep.Cell) -> Run:
+        plan = cell.plan if ray is None else dataclasses.replace(cell.plan, device="cpu")  # the device is elsewhere
+        return Run(plan, cell.folder)
+
+    first = built(cells[0])  # what no run can start with is reported once, and now
+    _sweep.check_shown(show or (), cells, lambda cell: (first if cell is cells[0] else built(cell)).summary())
     outcomes = [_sweep.Outcome(cell, _sweep.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
+    attempt: _sweep.Attempt = _sweep.by_process
+    count: Callable[[], int] = _cpus
+    if ray is not None and waiting:
+        attempt, count = _sweep.by_ray(ray, gpus=gpus, memory=memory or 0.0)
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
-    console, what = Console(stderr=True, quiet=quiet), cells[0].measure.replace("_", " ")
-    with _run.held(out), _bar(console, len(cells), len(outcomes)) as show:
-        attempt, count = (_sweep.by_process, _cpus()) if ray is None or not waiting else _sweep.by_ray(ray)
+    console = Console(stderr=True, quiet=quiet)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_run.held(out))
+        advance = stack.enter_context(_bar(console, len(cells), len(outcomes)))
 
         def tell(outcome: _sweep.Outcome, running: int) -> None:
             outcomes.append(outcome)
-            drive = None if outcome.summary is None else outcome.summary[outcome.cell.measure]
-            console.print(f"{outcome.cell.name}: {outcome.failed or f'{what} {_figure(drive)}'}", highlight=False)
-            show(f"{running} under way")
+            said = outcome.failed
+            if outcome.summary is not None:
+                told = _sweep.rows_of([outcome])[0]
+                columns = _sweep.columns_of([outcome], show or ())
+                said = ", ".join(f"{_sweep.label(column)} {_figure(told.get(column))}" for column in columns)
+            console.print(f"{outcome.cell.name}: {said}", highlight=False)
+            advance(f"{running} under way")
 
         try:
-            _sweep.live(waiting, attempt, workers or count, tell)
+            _sweep.live(waiting, attempt, count if workers is None else lambda: workers, tell)
         except StoppedError as stopped:
             if not quiet:
                 print(f"stopped by {stopped}; go on with the same command")
@@ -636,10 +683,11 @@ def sweep(
             done = [outcome for outcome in outcomes if outcome.summary is not None]
             left = [_sweep.Outcome(cell, _sweep.lived(cell)) for cell in cells if _sweep.finished(cell) is None]
             unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows
+            columns = _sweep.columns_of(done, show or ())
             with writable(out):
-                written = _sweep.sum_up(out, [*done, *unmeasured], title=Path(scenario).stem)
+                written = _sweep.sum_up(out, [*done, *unmeasured], Path(scenario).stem, columns)
             if not quiet:
-                _say_sweep(_sweep.points(done), what)
+                _say_sweep({_sweep.label(column): _sweep.points(done, column) for column in columns})
                 print(
                     f"{len(done)} of {len(cells)} runs are whole. Written: {', '.join(map(str, written)) or 'nothing'}"
                 )
@@ -672,15 +720,16 @@ def _bar(console: Console, total: int, done: int) -> Iterator[Callable[[str], No
         yield lambda words: bar.update(task, advance=1, description=words)
 
 
-def _say_sweep(found: Sequence[Any], what: str) -> None:
-    """Print the drives of a sweep as a table."""
-    if found:
-        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", what, "95 % interval")
-        for point in found:
-            interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
-            words = map(str, (*point.varied.values(), point.runs))
-            table.add_row(*words, _figure(point.mean), interval)
-        Console().print(table)
+def _say_sweep(found: Mapping[str, Sequence[Any]]) -> None:
+    """Print the means of a sweep, a table for every name in `found`."""
+    for name, points in found.items():
+        if points:
+            table = Table(*(axis.removeprefix("set.") for axis in points[0].varied), "runs", name, "95 % interval")
+            for point in points:
+                interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
+                words = map(str, (*point.varied.values(), point.runs))
+                table.add_row(*words, _figure(point.mean), interval)
+            Console().print(table)
 
 
 # ---- bench -----------------------------------------------------------------------------------
@@ -841,16 +890,22 @@ def _elsewhere(it: Run, species: str, scenario: str | None, changes: Sequence[st
 def _say_findings(report: Mapping[str, Any]) -> None:
     """Print an evaluation as tables."""
     console = Console()
+    owns = report.get("mean_own_drive", {})
+    feels = any(own["mean"] != report["mean_drive"][name]["mean"] for name, own in owns.items())
     drives = Table(
         "",
         "mean drive",
         "95 % interval",
+        *(["mean own drive", "95 % interval"] if feels else []),
         title=f"{report['scenario']}, {report['ticks']:,} ticks, on {report['device']}",
     )
     known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
     for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
-        interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
-        drives.add_row(name, _figure(drive["mean"]), interval, style="bold" if name == "learned" else None)
+        words = []
+        for each in (drive, owns[name]) if feels else (drive,):
+            interval = f"{each['low']:.3f} to {each['high']:.3f}" if each["blocks"] > 1 else "-"
+            words += [_figure(each["mean"]), interval]
+        drives.add_row(name, *words, style="bold" if name == "learned" else None)
     console.print(drives)
     gap = report["closed_gap"]
     if gap is not None:

@@ -9,6 +9,7 @@ import agents
 import ecology
 import scenarios
 from agents import loop
+from ecology.observers.base import Observer
 from ecology.state import CAUSES
 
 
@@ -34,7 +35,7 @@ def live(env, learner, ticks, seed=0, also=lambda tick, minds: None):
         minds[name] = agents.make(learner, group, np.random.SeedSequence([seed, i]), settings)
     found = []
 
-    class Count:
+    class Count(Observer):
         def watch(self, state, tick, minds):
             numbers = [np.count_nonzero(tick.alive[group.slots]) for group in env.groups.values()]
             found.append([*numbers, state.eaten.sum()])

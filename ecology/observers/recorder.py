@@ -28,15 +28,17 @@ from ecology.state import State
 
 ROWS = 65_536  # of a part, at most, and of a row group of the joined file
 SECONDS = 30.0  # of the clock between parts, at most
-FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "reward", "action")
+FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action")
+MEASURE = "measures."  # before the name of a scenario's measure
 
 
 class Recorder:
     """Writes ticks, bodies, internal states and the minds' own numbers to `metrics.parquet`.
 
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
-    name, drive, reward, action, and one per number that a mind reports. A variable that a species
-    does not have is null. Memory is bounded by `ROWS` rows.
+    name, drive (what is felt of others included), own_drive (without that), reward, action, one per
+    measure of the scenario (`measures.NAME`, the same in every row of a tick), and one per number that
+    a mind reports. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
 
     def __init__(self, path: Path | str, every: int = 10, *, resume: bool = False) -> None:
@@ -62,6 +64,7 @@ class Recorder:
         counts = [s.slots for s in species]
         needs = list(dict.fromkeys(need.name for s in species for need in s.needs))
         check_columns(env.scenario, minds)
+        self._scenario = env.scenario
         self._groups = [(group.name, group.slots) for group in env.groups.values()]
         self._species_of = np.repeat(np.arange(len(species)), counts)
         self._species = np.array([s.name for s in species])
@@ -103,9 +106,12 @@ class Recorder:
             "heading": state.heading[slots],
             "internal": state.internal[slots],
             "drive": tick.drive[slots],
+            "own_drive": state.own_drive[slots],
             "reward": tick.reward[slots],
             "action": tick.action[slots],
         }
+        for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
+            rows[MEASURE + name] = np.full(len(slots), measured)
         told: dict[str, np.ndarray] = {}
         for name, span in self._groups:
             for word, value in minds[name].report().items():
@@ -198,8 +204,10 @@ class Recorder:
             "heading": number(rows["heading"]),
             **{name: variable(at) for name, at in self._need_at.items()},
             "drive": number(rows["drive"]),
+            "own_drive": number(rows["own_drive"]),
             "reward": number(rows["reward"]),
             "action": word(self._action_at[species, rows["action"]], self._actions),
+            **{name: pa.array(rows[name]) for name in rows if name.startswith(MEASURE)},
         }
         for name, value in rows.items():
             told = name.removeprefix("report ")
@@ -217,9 +225,10 @@ def check_columns(scenario: Scenario, minds: Mapping[str, Mind]) -> None:
     """Raise EcologyError where two columns of the metrics would have one name."""
     needs = {need.name for species in scenario.species for need in species.needs}
     told = {word for mind in minds.values() for word in mind.report()}
-    clash = sorted(needs & {*FIXED, *told})
+    fixed = {*FIXED, *(MEASURE + name for name in scenario.measures)}
+    clash = sorted(needs & {*fixed, *told})
     require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
-    clash = sorted(told & {*FIXED})
+    clash = sorted(told & fixed)
     require(not clash, f"minds report {clash}, names of other columns of the metrics; report them under other names.")
 
 
