@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 from collections.abc import Mapping
 from types import FunctionType, MethodType
 from typing import Any
@@ -13,7 +12,6 @@ import pytest
 
 import agents
 import scenarios
-from agents import loop
 from agents.base import Transition
 from agents.planner import Camping, Planner
 from ecology import contract, parallel_env
