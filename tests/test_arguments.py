@@ -230,3 +230,15 @@ def test_a_seed_that_was_used_before_gives_the_same_learner() -> None:
             agents.make(name, group, same, {}).state()
         )
     assert used.n_children_spawned == 4
+
+
+@pytest.mark.parametrize("name", [name for name in sorted(agents.LEARNERS) if not agents.learner_class(name).devices])
+def test_a_state_that_was_handed_out_stays_as_it_was(name: str) -> None:
+    """What `state` returned is not written into by what the learner does afterwards."""
+    env = parallel_env(scenarios.load("predator_prey"))
+    learner = agents.make(name, env.groups["prey"], np.random.SeedSequence(3), {})
+    lives(env, learner, env.reset_arrays(0), 3)
+    arrays, values = learner.state()
+    given = Given(arrays=arrays, values=values)
+    lives(env, learner, env.reset_arrays(1), 3)
+    given.stays()

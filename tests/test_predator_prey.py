@@ -123,11 +123,9 @@ def test_a_newborn_knows_what_its_parent_knows_or_nothing(inherit):
     words |= {"inherit": inherit, "mutation": 0.0}
     minds, _ = live(meadow(prey_birth=1e-9, predator_birth=1e-9, **words), "hjb", 150)
     env = meadow(prey_birth=1e3, predator_birth=1e3, **words)
-    tick = env.reset_arrays(0)
-    state = env.state_view
-    internal = np.where(state.internal > 0, 1.0, state.internal)
-    tick = env.put(internal=internal, age=np.full(env.size, 300.0))
     untaught, _ = live(env, "hjb", 0)
+    fit = np.where(env.state_view.internal > 0, 1.0, 0.0)
+    tick = env.put(internal=fit, age=np.full(env.size, 300.0))
     loop.run(env, minds, tick, 1, (seen := Last(),))
     for name, group in env.groups.items():
         children = np.flatnonzero(seen.tick.born[group.slots])
