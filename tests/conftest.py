@@ -49,7 +49,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     """Print the seed of the order, which pytest-randomly prints only in a longer report."""
     seed = config.getoption("randomly_seed", None)
     if seed is not None and config.getoption("randomly_reorganize"):
-        terminalreporter.write_line(f"random order; to repeat it: pytest -p randomly --randomly-seed={seed}")
+        terminalreporter.write_line(f"random order; to repeat it: pytest --randomly-seed={seed}")
 
 
 @pytest.fixture
