@@ -675,8 +675,9 @@ def test_a_decision_is_the_one_that_is_taken(name):
     assert told["J"] == pytest.approx(float(mind.deviation(0, zeta)[0]))
     error = told["error"]
     assert error.shape == (len(env.groups["agent"].layout.names),)
-    if name == "hjb":
-        assert (error[np.isfinite(error)] < 2).any()
+    known = error[np.isfinite(error)]
+    assert (known >= 0).all()
+    assert known.size or name == "algorithm1"  # which keeps too little to know
 
 
 def test_a_decision_is_recorded(tmp_path):

@@ -79,7 +79,7 @@ def crowd(tmp_path: Path) -> Callable[..., Run]:
 
 def test_births_are_counted_where_there_is_room_for_more(tmp_path: Path) -> None:
     """The summary counts the born, whatever the number of slots; slots that were never taken are no births."""
-    text = CROWD.replace("count=12", "count=3, capacity=12, birth=Birth(rate=0.01)").replace("Arena,", "Arena, Birth,")
+    text = CROWD.replace("count=12", "count=3, capacity=12, birth=Birth(rate=0.1)").replace("Arena,", "Arena, Birth,")
     (tmp_path / "growing.py").write_text(text)
     run = Run(resolve(str(tmp_path / "growing.py"), learners=["random"], ticks=100, record=False), tmp_path / "out")
     run.start()
@@ -154,7 +154,7 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_species_that_died_out_is_told_with_its_tick(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The tick after which none of a species lived is told, also by a run that went on; where some live it is null."""
-    text = CROWD.replace("Arena,", "Arena, Hazard,").replace("radius=0.2)", "radius=0.2, hazard=Hazard(rate=0.05))")
+    text = CROWD.replace("Arena,", "Arena, Hazard,").replace("radius=0.2)", "radius=0.2, hazard=Hazard(rate=0.02))")
     (tmp_path / "dying.py").write_text(text)
     words = ("run", str(tmp_path / "dying.py"), "--learner", "random", "--no-record")
     cli(*words, "--ticks", "20", "--out", str(tmp_path / "parts"))
