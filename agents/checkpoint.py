@@ -21,7 +21,7 @@ from safetensors.numpy import load, save
 import ecology
 from ecology import EcologyError
 
-FORMAT = 4  # of the folder; a checkpoint of another format is refused
+FORMAT = 5  # of the folder; a checkpoint of another format is refused
 INDEX = "checkpoint.json"
 
 Part = tuple[Mapping[str, np.ndarray], Mapping[str, Any]]  # arrays, plain values that JSON holds

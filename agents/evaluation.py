@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import ndimage, stats
 
 from agents import loop
 from agents.base import Learner
@@ -31,6 +31,10 @@ LEARN = {"greedy": Greedy, "qvalue": QValue}  # those that have lived as long as
 EPSILON = 0.05  # exploration while evaluated
 BLOCK = 500  # ticks whose mean is one observation of the bootstrap
 CONFIDENCE, RESAMPLES = 0.95, 2000
+WINDOW = 2_000  # ticks of the running mean by which a life counts as regulated
+REGULATED = 0.5  # share of the drive of camping (or of resting, where nobody can camp) below which it does
+WORST = 1_000  # ticks of the blocks of which the worst is reported
+SINK, SINK_RADIUS = 500, 0.5  # ticks without a meal within this length of one place that count as stuck
 NEAR = 1.0  # length within which a map's minimum counts as at the resource
 PROBES, PROBE_TICKS = 60, 600  # places per need, and ticks within which something must be eaten
 PATIENCE = 20  # ticks between two looks at what a probe has eaten
@@ -72,15 +76,19 @@ class Life:
     masks: Bools  # (T + 1, n, A)
     drive: Floats  # (T + 1, n)
     alive: Bools  # (T + 1, n)
+    born: Bools  # (T + 1, n) whether a new tenant took the slot in the tick before
+    position: Floats  # (T + 1, n, 2)
     actions: Ints  # (T, n) executed
 
 
 class Diary:
     """An observer that keeps a life of the species of `group`."""
 
-    def __init__(self, group: Group, tick: Tick) -> None:
+    def __init__(self, group: Group, tick: Tick, position: Floats) -> None:
+        """Start with `tick` and the `position` (N, 2) of all agents of the world in it."""
         self.group = group
         self.ticks = [tick]
+        self.positions = [position[group.slots].copy()]
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Need no preparation."""
@@ -88,6 +96,7 @@ class Diary:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Keep a tick."""
         self.ticks.append(tick)
+        self.positions.append(state.position[self.group.slots].copy())
 
     def end(self) -> None:
         """Leave nothing open."""
@@ -105,6 +114,8 @@ class Diary:
             masks=np.array([tick.masks[name] for tick in self.ticks]),
             drive=np.array([tick.drive[slots] for tick in self.ticks]),
             alive=np.array([tick.alive[slots] for tick in self.ticks]),
+            born=np.array([tick.born[slots] for tick in self.ticks]),
+            position=np.array(self.positions),
             actions=self.actions(),
         )
 
@@ -148,7 +159,7 @@ def check_fits(learner: Learner, scenario: Scenario) -> None:
 
 def live(env: Ecology, learner: Learner, tick: Tick, ticks: int) -> Life:
     """Return a life of `ticks` ticks from `tick`, the learner's movements begun anew."""
-    acting, diary = company(env, learner), Diary(learner.group, tick)
+    acting, diary = company(env, learner), Diary(learner.group, tick, env.state_view.position)
     learner.begin()
     loop.run(env, acting, tick, ticks, [diary])
     return diary.life()
@@ -162,9 +173,9 @@ def mean_drive(scenario: Scenario, learner: Learner, ticks: int, seed: int, skip
     return drive_series(fresh_life(scenario, learner, ticks, seed), skip)
 
 
-def fresh_life(scenario: Scenario, learner: Learner, ticks: int, seed: int) -> Life:
-    """Return a life of `ticks` ticks from birth, without learning and with epsilon 0.05."""
-    learner.evaluating(EPSILON)
+def fresh_life(scenario: Scenario, learner: Learner, ticks: int, seed: int, epsilon: float = EPSILON) -> Life:
+    """Return a life of `ticks` ticks from birth, without learning and with exploration `epsilon`."""
+    learner.evaluating(epsilon)
     env = Ecology(scenario)
     return live(env, learner, env.reset_arrays(seed), ticks)
 
@@ -174,6 +185,77 @@ def drive_series(life: Life, skip: int) -> Floats:
     alive, drive = life.alive[skip + 1 :], life.drive[skip + 1 :]
     some = alive.any(axis=1)
     return (drive * alive).sum(axis=1)[some] / alive.sum(axis=1)[some]
+
+
+def running_mean(series: Floats, window: int = WINDOW) -> Floats:
+    """Return the means (T - window + 1,) of a series (T,) over the last `window` ticks, from the first whole one on."""
+    total = np.concatenate([[0.0], np.cumsum(series)])
+    return (total[window:] - total[:-window]) / window
+
+
+def regulated_from(series: Floats, bound: float, window: int = WINDOW) -> int | None:
+    """Return the first tick from which the running mean over `window` ticks stays below `bound`, None without one.
+
+    Row t of `series` (T,) is the drive after tick t + 1. The earliest answer is `window`.
+    """
+    above = np.flatnonzero(running_mean(series, window) >= bound)
+    first = window + (int(above[-1]) + 1 if above.size else 0)
+    return first if first <= len(series) else None
+
+
+def worst_block(series: Floats, ticks: int = WORST) -> dict[str, float | int] | None:
+    """Return the highest mean drive among consecutive blocks of `ticks`, and where it begins; None of no whole one."""
+    count = len(series) // ticks
+    if not count:
+        return None
+    means = np.asarray(series)[: count * ticks].reshape(count, ticks).mean(axis=1)
+    return {"mean": float(means.max()), "from": int(means.argmax()) * ticks}
+
+
+def stuck(life: Life, group: Group, bound: float, slot: int = 0) -> list[dict[str, Any]]:
+    """Return the sinks in the life of the agent in `slot`: stretches of `SINK` ticks or more in which it starves.
+
+    In a sink the drive exceeds `bound` throughout, the agent eats nothing, and it stays within `SINK_RADIUS` of one
+    place or repeats one action. Where the world leaves no choice for more than half of the ticks, it is asleep.
+    """
+    count = len(life.actions) - SINK + 1
+    if count < 1:
+        return []
+    feeds = np.isin(np.array(group.kinds), ("consume", "bite"))
+    action, place, drive = life.actions[:, slot], life.position[1:, slot], life.drive[1:, slot]
+    starves = (drive > bound) & life.alive[1:, slot] & ~life.born[1:, slot] & ~feeds[action]
+
+    def span(series: np.ndarray) -> np.ndarray:  # largest minus smallest of every window of SINK ticks, by its start
+        highest, lowest = (
+            extreme(series, SINK, axis=0, origin=-(SINK // 2))[:count]
+            for extreme in (ndimage.maximum_filter1d, ndimage.minimum_filter1d)
+        )
+        return highest - lowest
+
+    stays = (span(place) <= 2 * SINK_RADIUS).all(axis=1) | (span(action) == 0)
+    starved, chose = (
+        running_mean(each.astype(float), SINK) for each in (starves, life.masks[:-1, slot].sum(axis=1) > 1)
+    )
+    begins = stays & (starved > 1 - 0.5 / SINK) & (chose >= 0.5)
+    change = np.zeros(len(action) + 1, np.int64)
+    np.add.at(change, np.flatnonzero(begins), 1)
+    np.add.at(change, np.flatnonzero(begins) + SINK, -1)
+    inside = np.concatenate([[False], change[:-1].cumsum() > 0, [False]])
+    found = []
+    for start, end in np.flatnonzero(inside[1:] != inside[:-1]).reshape(-1, 2).tolist():
+        most = np.bincount(action[start:end], minlength=len(group.actions))
+        found.append(
+            {
+                "slot": slot,
+                "from": start,
+                "to": end,
+                "place": place[start:end].mean(axis=0).tolist(),
+                "mean_drive": float(drive[start:end].mean()),
+                "action": group.actions[int(most.argmax())],
+                "share_of_action": float(most.max() / (end - start)),
+            }
+        )
+    return found
 
 
 def interval(series: Floats, seed: int = 0) -> dict[str, float | int | None]:
@@ -347,7 +429,7 @@ def probe(
 
 def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, limit: int) -> tuple[Ints, Ints]:
     """Return the resource that each agent eats first, -1 without, and after how many ticks, both (n,)."""
-    diary = Diary(learner.group, tick)
+    diary = Diary(learner.group, tick, env.state_view.position)
     learner.begin()
     acting = company(env, learner)
     while True:

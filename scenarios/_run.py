@@ -50,6 +50,7 @@ class Tally:
         for s, group in zip(scenario.species, env.groups.values(), strict=True):
             self._set_point[group.slots, : len(s.needs)] = [need.set_point for need in s.needs]
         self._row = np.arange(env.size)
+        self._slots = [group.slots for group in env.groups.values()]
         self.tick = 0
         self._seconds = np.zeros(3)  # as `seconds`, before it last began
         self._began: np.ndarray | None = None
@@ -57,7 +58,7 @@ class Tally:
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
         self.span = 1  # ticks of a block
-        self.drive = np.zeros(BLOCKS)  # per block, summed over the living
+        self.drive = np.zeros((BLOCKS, len(env.groups)))  # per block and species, summed over the living
         self.living = np.zeros((BLOCKS, len(env.groups)), np.int64)  # per block and species, summed over its ticks
         now = [np.count_nonzero(env.state_view.alive[group.slots]) for group in env.groups.values()]
         self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
@@ -84,7 +85,7 @@ class Tally:
         np.maximum(self.most, self.now, out=self.most)
         if at == BLOCKS * self.span:
             self._fold()
-        self.drive[at // self.span] += tick.drive @ alive
+        self.drive[at // self.span] += [tick.drive[rows] @ alive[rows] for rows in self._slots]
         self.living[at // self.span] += self.now
         self.tick = state.tick
         self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
@@ -135,7 +136,14 @@ class Tally:
         share = np.ones(self._used - first)
         share[0] -= into / min(self.span, self.tick - first * self.span)
         living = self.living[first : self._used].sum(axis=1)
-        return _share(float(share @ self.drive[first : self._used]), float(share @ living))
+        return _share(float(share @ self.drive[first : self._used].sum(axis=1)), float(share @ living))
+
+    def drives(self, species: str) -> tuple[np.ndarray, int]:
+        """Return the mean drive of the living of a species per block so far, NaN of nobody, and the ticks of a block."""
+        at = list(self._groups).index(species)
+        living = self.living[: self._used, at]
+        total = self.drive[: self._used, at]
+        return np.divide(total, living, out=np.full(len(living), np.nan), where=living > 0), self.span
 
     def summary(self) -> dict[str, Any]:
         """Return what the run has come to."""
