@@ -193,14 +193,17 @@ def running_mean(series: Floats, window: int = WINDOW) -> Floats:
     return (total[window:] - total[:-window]) / window
 
 
-def regulated_from(series: Floats, bound: float, window: int = WINDOW) -> int | None:
+def regulated_from(series: Floats, bound: float, *, span: int = 1, window: int = WINDOW) -> int | None:
     """Return the first tick from which the running mean over `window` ticks stays below `bound`, None without one.
 
-    Row t of `series` (T,) is the drive after tick t + 1. The earliest answer is `window`.
+    A row of `series` (T,) is the mean drive of `span` ticks, from birth on. The earliest answer is `window`.
     """
+    window = max(1, window // span)
+    if len(series) < window:
+        return None
     above = np.flatnonzero(running_mean(series, window) >= bound)
     first = window + (int(above[-1]) + 1 if above.size else 0)
-    return first if first <= len(series) else None
+    return first * span if first <= len(series) else None
 
 
 def worst_block(series: Floats, ticks: int = WORST) -> dict[str, float | int] | None:

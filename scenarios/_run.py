@@ -139,7 +139,7 @@ class Tally:
         return _share(float(share @ self.drive[first : self._used].sum(axis=1)), float(share @ living))
 
     def drives(self, species: str) -> tuple[np.ndarray, int]:
-        """Return the mean drive of the living of a species per block so far, NaN of nobody, and the ticks of a block."""
+        """Return the mean drive of the living of a species per block, NaN of nobody, and the ticks of a block."""
         at = list(self._groups).index(species)
         living = self.living[: self._used, at]
         total = self.drive[: self._used, at]
