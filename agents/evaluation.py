@@ -17,7 +17,7 @@ from scipy import ndimage, stats
 from agents import loop
 from agents.base import Learner
 from agents.baselines import Greedy, QValue, Random, Rest
-from agents.planner import Camping, Paths, Planner, served
+from agents.planner import Camping, Exploring, Paths, Planner, served
 from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
 from ecology.actions import ActionTable, compile_actions
 from ecology.life import scatter
@@ -35,6 +35,7 @@ WINDOW = 2_000  # ticks of the running mean by which a life counts as regulated
 REGULATED = 0.5  # share of the drive of camping (or of resting, where nobody can camp) below which it does
 WORST = 1_000  # ticks of the blocks of which the worst is reported
 SINK, SINK_RADIUS = 500, 0.5  # ticks without a meal within this length of one place that count as stuck
+SINKS = 20  # of a life that are reported, at most
 NEAR = 1.0  # length within which a map's minimum counts as at the resource
 PROBES, PROBE_TICKS = 60, 600  # places per need, and ticks within which something must be eaten
 PATIENCE = 20  # ticks between two looks at what a probe has eaten
@@ -46,8 +47,19 @@ LONGEST = 2000  # ticks of a movement
 
 ABOUT: Mapping[str, str] = {
     "mean_drive": "mean of the drive over ticks `skip` to `ticks` of a life from birth, no learning, for the "
-    "learner (epsilon 0.05) and for each baseline in the same world; `low` and `high` bound the 95 % "
+    "learner (epsilon 0.05) and for each baseline in the same world, `learned_epsilon_0` without exploration and "
+    "`planner_exploring` with that of the learner; `low` and `high` bound the 95 % "
     "interval of a bootstrap over blocks of 500 ticks, `blocks` how many there were; of fewer than 2 there is none",
+    "regulated": "the drive below which a life counts as regulated, `below`: half of the mean drive of camping, or of "
+    "resting where nobody can camp (`of`)",
+    "as_lived": "the run itself, learning and its own exploration included: mean drive of its last tenth, and "
+    "`regulated_from`, the first tick from which the running mean of the drive over `window` ticks stays below "
+    "`regulated.below`, null where it never does; null without a run",
+    "worst_block": "the highest mean drive among consecutive blocks of 1,000 ticks of the lives above, for `learned` "
+    "and `learned_epsilon_0`, and the tick at which it begins; null of less than one block",
+    "stuck": "sinks in the same two lives: stretches of 500 ticks or more in which the drive of an agent exceeds "
+    "`regulated.below` throughout, it eats nothing, and it stays within 0.5 lengths of one place or repeats one "
+    "action; ticks, place, mean drive, most frequent action and its share, worst drive first, at most 20 of each life",
     "closed_gap": "(camping - learned) / (camping - planner) of the mean drives: 0 is no better than "
     "camping, 1 as good as the planner",
     "action_shares": "share of the ticks of the learner's life above that each action took",
@@ -206,13 +218,16 @@ def regulated_from(series: Floats, bound: float, *, span: int = 1, window: int =
     return first * span if first <= len(series) else None
 
 
-def worst_block(series: Floats, ticks: int = WORST) -> dict[str, float | int] | None:
-    """Return the highest mean drive among consecutive blocks of `ticks`, and where it begins; None of no whole one."""
+def worst_block(series: Floats, ticks: int = WORST, skip: int = 0) -> dict[str, float | int] | None:
+    """Return the highest mean drive among consecutive blocks of `ticks`, and where it begins; None of no whole one.
+
+    The first row of `series` is that of tick `skip`.
+    """
     count = len(series) // ticks
     if not count:
         return None
     means = np.asarray(series)[: count * ticks].reshape(count, ticks).mean(axis=1)
-    return {"mean": float(means.max()), "from": int(means.argmax()) * ticks}
+    return {"mean": float(means.max()), "from": skip + int(means.argmax()) * ticks}
 
 
 def stuck(life: Life, group: Group, bound: float, slot: int = 0) -> list[dict[str, Any]]:
@@ -259,6 +274,12 @@ def stuck(life: Life, group: Group, bound: float, slot: int = 0) -> list[dict[st
             }
         )
     return found
+
+
+def sinks(life: Life, group: Group, bound: float, most: int = SINKS) -> list[dict[str, Any]]:
+    """Return the sinks (see `stuck`) of all agents in a life, the worst drive first, at most `most`."""
+    found = [sink for slot in range(group.size) for sink in stuck(life, group, bound, slot)]
+    return sorted(found, key=lambda sink: -sink["mean_drive"])[:most]
 
 
 def interval(series: Floats, seed: int = 0) -> dict[str, float | int | None]:
@@ -622,6 +643,26 @@ class Findings:
     checks: dict[str, DeviationCheck]  # "life" and "random_starts"
 
 
+@dataclass(frozen=True)
+class Lived:
+    """The run of the learner: the mean drive of its species, NaN of nobody, in blocks of `span` ticks from birth on."""
+
+    drive: Floats  # (T,)
+    span: int = 1
+
+    def report(self, bound: float | None) -> dict[str, Any]:
+        """Return the mean drive of the last tenth, and from which tick on the running mean stays below `bound`."""
+        some = self.drive[np.isfinite(self.drive)]
+        last = self.drive[-max(1, len(self.drive) // 10) :]
+        last = last[np.isfinite(last)]
+        return {
+            "ticks": len(self.drive) * self.span,
+            "mean_drive_last_tenth": float(last.mean()) if len(last) else None,
+            "window": WINDOW,
+            "regulated_from": None if bound is None else regulated_from(some, bound, span=self.span),
+        }
+
+
 def evaluate(
     scenario: Scenario,
     learner: Learner,
@@ -634,6 +675,7 @@ def evaluate(
     name: str | None = None,
     device: str = "cpu",
     home: Scenario | None = None,
+    lived: Lived | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Findings:
     """Measure `learner` in `scenario`, against the baselines and the true world.
@@ -641,16 +683,15 @@ def evaluate(
     The learner stops learning for good; agents of other species rest. `slot` counts within the species
     and says whose maps and checks are meant; drives and probes are averaged over all. `name` is what the learner
     is called in the report, `device` where that says it computes. `home` is the world that it was trained in, where
-    that is another one; baselines that learn do so there too. `tell` is called with a line before each part. Raises
-    EcologyError where `skip` leaves no ticks, or where the learner does not fit the world.
+    that is another one; baselines that learn do so there too. `lived` is the run itself. `tell` is called with a line
+    before each part. Raises EcologyError where `skip` leaves no ticks, or where the learner does not fit the world.
     """
     if not 0 <= skip < ticks:
         raise EcologyError(f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped.")
     group = learner.group
     check_fits(learner, scenario)
-    tell("living")
-    life = fresh_life(scenario, learner, ticks, seed)
-    drives = {"learned": interval(drive_series(life, skip))}
+    moves = getattr(learner, "moves", None)
+    drives: dict[str, dict[str, Any]] = {"learned": {}, "learned_epsilon_0": {}}
     for other_name in BASELINES:
         tell(f"living as {other_name}")
         try:
@@ -658,6 +699,19 @@ def evaluate(
         except EcologyError:
             continue  # a world in which this one cannot live: nothing to walk to
         drives[other_name] = interval(mean_drive(scenario, other, ticks, seed, skip))
+        if isinstance(other, Planner) and moves is not None:
+            explorer = Exploring(other, moves, EPSILON, np.random.SeedSequence(seed))
+            drives["planner_exploring"] = interval(mean_drive(scenario, explorer, ticks, seed, skip))
+    yardstick = "camping" if "camping" in drives else "rest"
+    usual = drives.get(yardstick, {}).get("mean")
+    bound = None if usual is None else REGULATED * usual
+    worst, sunk = {}, {}
+    for each, epsilon in (("learned_epsilon_0", 0.0), ("learned", EPSILON)):  # the last is the life of all that follows
+        tell(f"living with epsilon {epsilon:g}")
+        life = fresh_life(scenario, learner, ticks, seed, epsilon)
+        series = drive_series(life, skip)
+        drives[each], worst[each] = interval(series), worst_block(series, skip=skip)
+        sunk[each] = sinks(life, group, bound) if bound is not None else None
     tell("maps")
     maps = maps_of(scenario, learner, slot)
     tell("probe")
@@ -687,6 +741,10 @@ def evaluate(
         "places": places,
         "epsilon": EPSILON,
         "mean_drive": drives,
+        "regulated": {"below": bound, "of": yardstick, "share": REGULATED},
+        "as_lived": None if lived is None else lived.report(bound),
+        "worst_block": worst,
+        "stuck": sunk,
         "closed_gap": closed_gap(drives),
         "action_shares": action_shares(life, group),
         "deviation_maps": maps_report(maps, scenario, group) if maps is not None else None,

@@ -44,6 +44,7 @@ BOUND = 2.0  # drive below which the running mean counts as regulated
 STUCK = 2.0  # drive above which an agent that stays in one place without a meal is stuck
 MOVED, PLACE = "food_3", (0.5, 1.5)  # from (7, 5.5) in the east to the south-west corner, where no other food lies
 BACK, ADAPTS = 1.25, 15_000  # times the drive before the move that counts as recovered; ticks that are waited for it
+PROBES = evaluation.PROBES  # places per need
 LEARNING, ACTING = 2.0e-3, 0.5e-3  # seconds of one core for a tick
 DONE = "measures.json"
 
@@ -176,14 +177,14 @@ def frozen(run: Run, life: int) -> dict[str, Any]:
         ranks = [each["spearman_with_walking_distance"] for each in mapped]
         told["spearman"] = float(np.mean([0.0 if rank is None else rank for rank in ranks]))
         told["minima_within_1"] = sum(each["minimum_within_1"] for each in mapped)
-    probed = evaluation.probe(scenario, learner, seed)
+    probed = evaluation.probe(scenario, learner, seed, PROBES)
     told["probe"] = float(np.mean([each["share_right"] for each in probed.values()]))
     gamma, lives = getattr(getattr(learner, "settings", None), "gamma", None), [own]
     if gamma is not None:
         rng, far = np.random.default_rng(seed), evaluation.horizon(gamma, learner.group.dt)
         starts = evaluation.random_starts(scenario, learner, seed, evaluation.STARTS, far + far // 4)
         lives += starts
-        for name, from_ in (("life", [(own, 0, SKIP)]), ("starts", [(each, 0, 0) for each in starts])):
+        for name, from_ in (("life", [(own, 0, min(SKIP, life // 10))]), ("starts", [(each, 0, 0) for each in starts])):
             check = evaluation.compare_deviation(learner, from_, gamma, evaluation.STATES, rng).report()
             told[f"bias_{name}"], told[f"correlation_{name}"] = check["bias"], check["correlation"]
     checked = evaluation.transition_check(scenario, learner, lives, seed)

@@ -778,6 +778,7 @@ def evaluate(
             name=it.plan.learners[learner.group.name].name,
             device=device,
             home=None if world is it.scenario else it.scenario,
+            lived=evaluation.Lived(*it.tally.drives(learner.group.name)),
             tell=tell,
         )
         tell("figures")
@@ -821,6 +822,7 @@ def _say_findings(report: Mapping[str, Any]) -> None:
     gap = report["closed_gap"]
     if gap is not None:
         console.print("worse than camping" if gap < 0 else f"{gap:.0%} of the way from camping to the planner")
+    _say_lives(console, report)
     maps, probe = report["deviation_maps"] or {}, report["probe"]
     if maps or probe:
         needs = Table("need", "minimum of J to resource", "rank correlation", "eaten first")
@@ -838,6 +840,35 @@ def _say_findings(report: Mapping[str, Any]) -> None:
             console.print(
                 f"J against measured drive, {name.replace('_', ' ')}: correlation "
                 f"{_figure(check['correlation'])}, bias {_figure(check['bias'])}",
+                highlight=False,
+            )
+
+
+def _say_lives(console: Console, report: Mapping[str, Any]) -> None:
+    """Print how the run went, the worst block of the evaluated life, and where the agents were stuck."""
+    lived, below = report["as_lived"], report["regulated"]["below"]
+    if lived is not None:
+        text = f"as lived: mean drive {_figure(lived['mean_drive_last_tenth'])} in the last tenth"
+        if below is not None:
+            since = lived["regulated_from"]
+            then = (
+                f"never stays below {below:.2f}" if since is None else f"stays below {below:.2f} from tick {since:,} on"
+            )
+            text += f"; its running mean over {lived['window']:,} ticks {then}"
+        console.print(text, highlight=False)
+    for name, words in (("learned", "frozen life"), ("learned_epsilon_0", "frozen life, epsilon 0")):
+        worst, sinks = report["worst_block"][name], report["stuck"][name] or []
+        if worst is not None:
+            console.print(
+                f"{words}: worst 1,000 ticks from tick {worst['from']:,}, mean drive {worst['mean']:.2f}; "
+                + (f"stuck {len(sinks)} times" if sinks else "never stuck"),
+                highlight=False,
+            )
+        for sink in sinks[:3]:
+            x, y = sink["place"]
+            console.print(
+                f"  ticks {sink['from']:,} to {sink['to']:,} at ({x:.2f}, {y:.2f}): {sink['action']} in "
+                f"{sink['share_of_action']:.0%}, mean drive {sink['mean_drive']:.2f}",
                 highlight=False,
             )
 
