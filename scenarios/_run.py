@@ -179,6 +179,13 @@ class Tally:
         )
         return _share(float(share @ drive), float(share @ living))
 
+    def drives(self, species: str) -> tuple[np.ndarray, int]:
+        """Return the mean drive of the living of a species per block, NaN of nobody, and the ticks of a block."""
+        at = list(self._groups).index(species)
+        living = self.living[: self._used, at]
+        total = self.drive[: self._used, at]
+        return np.divide(total, living, out=np.full(len(living), np.nan), where=living > 0), self.span
+
     def summary(self) -> dict[str, Any]:
         """Return what the run has come to."""
         lived_by = self.living.sum(axis=0)  # per species

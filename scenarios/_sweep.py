@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -49,6 +49,8 @@ LONGEST = 100  # characters of a run's name
 DPI = 130
 USER_ERROR = 2  # exit code that another attempt would not change
 
+Job = TypeVar("Job")
+Done = TypeVar("Done")
 Attempt = Callable[["Cell", threading.Event], tuple[int, str]]  # run, stop -> exit code, what it said
 
 
@@ -258,8 +260,25 @@ def live(
     A run whose process dies is gone on with, `RETRIES` times; one that fails by its own error is not.
     A signal to stop lets the runs under way stop after their present tick: then StoppedError.
     """
+
+    def do(cell: Cell, stop: threading.Event) -> Outcome:
+        return _lived(cell, attempt, stop)
+
+    schedule(cells, do, workers, tell)
+
+
+def schedule(
+    jobs: Iterable[Job],
+    do: Callable[[Job, threading.Event], Done],
+    workers: Callable[[], int],
+    tell: Callable[[Done, int], None],
+) -> None:
+    """Do all `jobs`, `workers()` at a time, each in a thread; `tell` gets each result and how many are under way.
+
+    `do` ends early where its event is set. A signal sets it; once all have ended, StoppedError is raised.
+    """
     stop, heard = threading.Event(), []
-    waiting = list(cells)[::-1]
+    waiting = list(jobs)[::-1]
 
     def hear(signum: int, _: object) -> None:
         heard.append(signum)
@@ -275,7 +294,7 @@ def live(
         while running or (waiting and not stop.is_set()):
             room = workers() - len(running) if waiting else 0
             for _ in range(0 if stop.is_set() else min(room, len(waiting))):
-                running.add(pool.submit(_lived, waiting.pop(), attempt, stop))
+                running.add(pool.submit(do, waiting.pop(), stop))
             done, running = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             for future in done:
                 tell(future.result(), len(running))
@@ -311,14 +330,21 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
 
 def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
     """Live a run in a process of one thread; return its exit code and its last line of error."""
-    words = (["--evaluate"] if cell.evaluate else []) + [str(cell.folder)]
+    return in_process(["scenarios._sweep", *(["--evaluate"] if cell.evaluate else []), str(cell.folder)], stop)
+
+
+def in_process(words: Sequence[str], stop: threading.Event) -> tuple[int, str]:
+    """Run `python -m WORDS` with one thread; return its exit code and its last line of error.
+
+    The pipe to its standard input closes once `stop` is set: see `stop_with_parent`.
+    """
     with tempfile.TemporaryFile() as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "scenarios._sweep", *words],
+            [sys.executable, "-m", *words],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=errors,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
             start_new_session=True,  # Ctrl-C reaches the sweep alone, which passes it on
         )
         assert process.stdin is not None
@@ -475,9 +501,8 @@ def _in_worker(cell: Cell) -> tuple[int, str]:
     return by_process(cell, threading.Event())
 
 
-def _process() -> None:
-    """Be the process of one run: live what is left of it, measure it; stop when standard input closes."""
-    from scenarios import cli
+def stop_with_parent() -> None:
+    """Send SIGTERM to this process as soon as its standard input closes."""
 
     def listen() -> None:
         while os.read(sys.stdin.fileno(), 1):
@@ -485,6 +510,13 @@ def _process() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=listen, daemon=True).start()
+
+
+def _process() -> None:
+    """Be the process of one run: live what is left of it, measure it; stop when standard input closes."""
+    from scenarios import cli
+
+    stop_with_parent()
     folder = Path(sys.argv[-1])
     with contextlib.suppress(EcologyError), held(folder, patience=PATIENCE):
         pass  # the last process in the folder has ended

@@ -861,6 +861,7 @@ def evaluate(
             name=it.plan.learners[learner.group.name].name,
             device=device,
             home=None if world is it.scenario else it.scenario,
+            lived=evaluation.Lived(*it.tally.drives(learner.group.name)),
             tell=tell,
         )
         tell("figures")
@@ -910,6 +911,7 @@ def _say_findings(report: Mapping[str, Any]) -> None:
     gap = report["closed_gap"]
     if gap is not None:
         console.print("worse than camping" if gap < 0 else f"{gap:.0%} of the way from camping to the planner")
+    _say_lives(console, report)
     maps, probe = report["deviation_maps"] or {}, report["probe"]
     if maps or probe:
         needs = Table("need", "minimum of J to resource", "rank correlation", "eaten first")
@@ -927,6 +929,35 @@ def _say_findings(report: Mapping[str, Any]) -> None:
             console.print(
                 f"J against measured drive, {name.replace('_', ' ')}: correlation "
                 f"{_figure(check['correlation'])}, bias {_figure(check['bias'])}",
+                highlight=False,
+            )
+
+
+def _say_lives(console: Console, report: Mapping[str, Any]) -> None:
+    """Print how the run went, the worst block of the evaluated life, and where the agents were stuck."""
+    lived, below = report["as_lived"], report["regulated"]["below"]
+    if lived is not None:
+        text = f"as lived: mean drive {_figure(lived['mean_drive_last_tenth'])} in the last tenth"
+        if below is not None:
+            since = lived["regulated_from"]
+            then = (
+                f"never stays below {below:.2f}" if since is None else f"stays below {below:.2f} from tick {since:,} on"
+            )
+            text += f"; its running mean over {lived['window']:,} ticks {then}"
+        console.print(text, highlight=False)
+    for name, words in (("learned", "frozen life"), ("learned_epsilon_0", "frozen life, epsilon 0")):
+        worst, sinks = report["worst_block"][name], report["stuck"][name] or []
+        if worst is not None:
+            console.print(
+                f"{words}: worst 1,000 ticks from tick {worst['from']:,}, mean drive {worst['mean']:.2f}; "
+                + (f"stuck {len(sinks)} times" if sinks else "never stuck"),
+                highlight=False,
+            )
+        for sink in sinks[:3]:
+            x, y = sink["place"]
+            console.print(
+                f"  ticks {sink['from']:,} to {sink['to']:,} at ({x:.2f}, {y:.2f}): {sink['action']} in "
+                f"{sink['share_of_action']:.0%}, mean drive {sink['mean_drive']:.2f}",
                 highlight=False,
             )
 
@@ -952,13 +983,87 @@ def reproduce(
         list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results, listed below.", show_default="all")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
+    seeds: Annotated[
+        str | None, typer.Option(metavar="FIRST:END", help="Seeds of `minds`, END excluded.", show_default="0:32")
+    ] = None,
+    ticks: Annotated[
+        int | None, typer.Option(min=1, help="Length of each training run of `minds`.", show_default="60000")
+    ] = None,
+    life: Annotated[
+        int | None, typer.Option(min=1, help="Length of each frozen life of `minds`.", show_default="20000")
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of the runs of `minds`.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that measure `minds`.", show_default="one per CPU")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
     from scenarios import _reproduce  # slow to load
 
     cases = _reproduce.chosen(names or ())
+    minds = bool(names) and "minds" in [case.name for case in cases]
+    for option, value in (("seeds", seeds), ("ticks", ticks), ("life", life), ("set", set_), ("workers", workers)):
+        if value and not minds:
+            raise EcologyError(f"--{option} is an option of `ecology reproduce minds`; name minds, or drop --{option}.")
     check_writable(out)  # what cannot be kept is told before the long part
+    others = [case for case in cases if not (minds and case.name == "minds")]
+    if minds:
+        _measure_minds(out, seeds or "0:32", ticks, life, _pairs("--set", set_, _setting), workers or _cpus(), quiet)
+    if others:
+        _certify(others, out, quiet)
+
+
+def _measure_minds(
+    out: Path, seeds: str, ticks: int | None, life: int | None, settings: Mapping[str, Any], workers: int, quiet: bool
+) -> None:
+    """Train and measure many seeds of `paper`, each in a process, and print what must hold beside what was found."""
+    from scenarios import _minds, _sweep
+
+    jobs = _minds.jobs(out, _sweep.seeds_of(seeds), ticks or _minds.TRAINED, life or _minds.LIFE, settings)
+    waiting = [job for job in jobs if not _minds.is_done(job.folder, job.life)]
+    check_writable(jobs[0].folder)
+    console, began, failed = Console(stderr=True, quiet=quiet), time.monotonic(), list[str]()
+    left = sum(map(_minds.seconds, waiting)) / min(workers, max(len(waiting), 1))
+    console.print(
+        f"minds: {len(jobs)} seeds, {len(waiting)} of them to measure; {_long(left) if waiting else 'done'}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    over = 0
+
+    def tell(result: tuple[_minds.Job, str], _: int) -> None:
+        nonlocal over
+        job, fault = result
+        over += 1
+        if fault:
+            failed.append(f"seed {job.seed}: {fault}")
+        told = fault or _minds.line(job)
+        more = len(waiting) - over
+        then = _long((time.monotonic() - began) / over * more) + " left" if more else "done"
+        console.print(f"{over} of {len(waiting)}  seed {job.seed}: {told}; {then}", highlight=False, soft_wrap=True)
+
+    try:
+        _sweep.schedule(waiting, _minds.work, lambda: workers, tell)
+    except StoppedError:
+        console.print(f"stopped; what is done is kept in {out}, the same command resumes", soft_wrap=True)
+        raise
+    finally:
+        done = [job for job in jobs if _minds.is_done(job.folder, job.life)]
+        if done:
+            text, written = _minds.write(out, done)
+            if not quiet:
+                print(f"{text}\nwritten: {', '.join(map(str, written))}")
+    if failed:
+        raise EcologyError(f"{len(failed)} of {len(jobs)} seeds were not measured. {' '.join(failed)}")
+
+
+def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
+    """Do the parts of cases that are not done, and write and print their rows."""
+    from scenarios import _reproduce
+
     ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
     work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
     for case in cases:

@@ -148,6 +148,11 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
         del found[key], expected[key]
     assert found == expected
     assert (again.tally.span, len(again.tally.drive), again.tally.state()[0]["drive"].shape) == (16, 16, (10, 1))
+    (fine, one), (coarse, many) = whole.tally.drives("crowd"), again.tally.drives("crowd")
+    assert (len(fine), one, len(coarse), many) == (160, 1, 10, 16)
+    living = whole.tally.living[:160, 0]  # a block weighs each tick by the living
+    expected_drive = (fine * living).reshape(10, 16).sum(axis=1) / living.reshape(10, 16).sum(axis=1)
+    np.testing.assert_allclose(coarse, expected_drive)
     assert again.tally.mean_drive(152) == pytest.approx(again.tally.mean_drive(144))  # half of the last block
     assert again.tally.mean_drive(160) is None
 
