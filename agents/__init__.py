@@ -9,12 +9,13 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.base import Learner
-from ecology import EcologyError, Group
+from ecology import Ecology, EcologyError, Group, Tick
+from ecology.beside import importable_beside
 from ecology.errors import nearest
 
 # name -> module, class, the mapping in the module that holds its settings where they are not the
@@ -81,7 +82,8 @@ def _classes(path: Path, changed: int) -> dict[str, type[Learner]]:  # noqa: ARG
     loaded = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = loaded  # dataclasses look their module up
     try:
-        spec.loader.exec_module(loaded)
+        with importable_beside(path):
+            spec.loader.exec_module(loaded)
     except SyntaxError as error:
         raise EcologyError(f"the learner file {str(path)!r} is no Python: {error}.") from error
     return {
@@ -112,3 +114,28 @@ def make(
             raise EcologyError(f"the learner {name} has no setting {key!r}. {nearest(key, known)}")
     words = {"device": device} if cls.devices else {}
     return cls.with_settings(group, seed, {**known, **settings_}, **words)
+
+
+class LoadedRun(NamedTuple):
+    """A run as its last checkpoint left it: the first three arguments of `agents.loop.run`."""
+
+    env: Ecology
+    learners: dict[str, Learner]  # by species
+    tick: Tick
+
+
+def load(folder: str | Path, *, frozen: bool = False, epsilon: float = 0.05, device: str | None = None) -> LoadedRun:
+    """Return the world and the learners of a run folder, as its last checkpoint left them.
+
+    `loop.run(*agents.load("runs/paper-0"), ticks=1_000)` continues the run exactly, in memory; the folder stays as it
+    is. With `frozen` the learners learn no more and explore with `epsilon`, as in `ecology evaluate`. They compute on
+    `device`, or where the run's did. Raises EcologyError where `folder` holds no run or no whole checkpoint. A run of a
+    scenario file runs the code of that file.
+    """
+    runs = importlib.import_module("scenarios._run")  # the floor above, which knows run folders; needed by this alone
+    run = runs.opened(Path(folder), device=device)
+    run.restore()
+    if frozen:
+        for learner in run.learners.values():
+            learner.evaluating(epsilon)
+    return LoadedRun(run.env, run.learners, run.tick)

@@ -55,6 +55,7 @@ class Transition:
     next_observations: np.ndarray  # float32 (n, D)
     next_masks: np.ndarray  # bool (n, A)
     alive: np.ndarray  # bool (n,) before and after: neither the dead nor the newborn
+    died: np.ndarray  # bool (n,) alive before and dead after; next_observations holds its needs at death
 
 
 class Learner(ABC):

@@ -95,9 +95,9 @@ class Averaging(Learner):
         self.epsilon = epsilon
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return the means, the counts and the random stream."""
+        """Return the means, the counts and the random stream, as copies."""
         arrays, values = super().state()
-        return {**arrays, "met": self.met, "mean": self.mean}, {**values, "epsilon": self.epsilon}
+        return {**arrays, "met": self.met.copy(), "mean": self.mean.copy()}, {**values, "epsilon": self.epsilon}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned."""

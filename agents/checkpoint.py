@@ -20,8 +20,9 @@ from safetensors.numpy import load, save
 
 import ecology
 from ecology import EcologyError
+from ecology.errors import describe_refusal, readable
 
-FORMAT = 4  # of the folder; a checkpoint of another format is refused
+FORMAT = 5  # of the folder; a checkpoint of another format is refused
 INDEX = "checkpoint.json"
 
 Part = tuple[Mapping[str, np.ndarray], Mapping[str, Any]]  # arrays, plain values that JSON holds
@@ -52,8 +53,8 @@ def write(folder: Path, parts: Mapping[str, Part]) -> None:
         new.rename(folder)
     except OSError as error:
         raise EcologyError(
-            f"the checkpoint {str(folder)!r} cannot be written: {error.strerror}. What was kept before is still "
-            "there; make room, or give another folder."
+            f"the checkpoint {str(folder)!r} cannot be written ({describe_refusal(error)}). What was kept before is "
+            "still there; make room, or give another folder."
         ) from error
 
 
@@ -86,12 +87,15 @@ def read(folder: Path, *, previous: bool = False) -> dict[str, Part]:
         which = "previous checkpoint" if previous else "checkpoint"
         raise EcologyError(f"there is no {which} in {str(folder.parent)!r}; give the folder of a run that has one.")
     try:
-        index = json.loads((folder / INDEX).read_text())
-        made_by = index["format"], index["ecology"]
-        if made_by == (FORMAT, ecology.__version__):
-            if _digest(index["values"]) != index["digest"]:
-                raise ValueError(f"the values in {INDEX} are not what was written")
-            return {name: (_arrays(folder, name, index), values) for name, values in index["values"].items()}
+        with readable("the checkpoint", folder):
+            index = json.loads((folder / INDEX).read_text())
+            made_by = index["format"], index["ecology"]
+            if made_by == (FORMAT, ecology.__version__):
+                if _digest(index["values"]) != index["digest"]:
+                    raise ValueError(f"the values in {INDEX} are not what was written")
+                return {name: (_arrays(folder, name, index), values) for name, values in index["values"].items()}
+    except EcologyError:
+        raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, SafetensorError) as error:
         told = f"{type(error).__name__}: {error}"
         raise EcologyError(
@@ -108,7 +112,7 @@ def advice(folder: Path) -> str:
     """Return what to do where the checkpoint in `folder` cannot be used."""
     if previous_of(folder).is_dir():
         return f"Go on from the one before it with `ecology run --resume {folder.parent} --previous`."
-    return "Start the run anew."
+    return "Start a new run with another --out; what this one has recorded can still be read."
 
 
 def _beside(folder: Path, ending: str) -> Path:

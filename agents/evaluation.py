@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import ndimage, stats
 
 from agents import loop
 from agents.base import Learner
 from agents.baselines import Greedy, QValue, Random, Rest
-from agents.planner import Camping, Paths, Planner, served
+from agents.planner import Camping, Exploring, Paths, Planner, served
 from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
 from ecology.actions import ActionTable, compile_actions
 from ecology.life import scatter
-from ecology.observers.base import Mind
+from ecology.observers.base import Mind, Observer
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
 from ecology.senses import wrap
 from ecology.state import Bools, Floats, Ints
@@ -31,6 +31,11 @@ LEARN = {"greedy": Greedy, "qvalue": QValue}  # those that have lived as long as
 EPSILON = 0.05  # exploration while evaluated
 BLOCK = 500  # ticks whose mean is one observation of the bootstrap
 CONFIDENCE, RESAMPLES = 0.95, 2000
+WINDOW = 2_000  # ticks of the running mean by which a life counts as regulated
+REGULATED = 0.5  # share of the drive of camping (or of resting, where nobody can camp) below which it does
+WORST = 1_000  # ticks of the blocks of which the worst is reported
+SINK, SINK_RADIUS = 500, 0.5  # ticks without a meal within this length of one place that count as stuck
+SINKS = 20  # of a life that are reported, at most
 NEAR = 1.0  # length within which a map's minimum counts as at the resource
 PROBES, PROBE_TICKS = 60, 600  # places per need, and ticks within which something must be eaten
 PATIENCE = 20  # ticks between two looks at what a probe has eaten
@@ -42,8 +47,20 @@ LONGEST = 2000  # ticks of a movement
 
 ABOUT: Mapping[str, str] = {
     "mean_drive": "mean of the drive over ticks `skip` to `ticks` of a life from birth, no learning, for the "
-    "learner (epsilon 0.05) and for each baseline in the same world; `low` and `high` bound the 95 % "
+    "learner (epsilon 0.05) and for each baseline in the same world, `learned_epsilon_0` without exploration and "
+    "`planner_exploring` with that of the learner; `low` and `high` bound the 95 % "
     "interval of a bootstrap over blocks of 500 ticks, `blocks` how many there were; of fewer than 2 there is none",
+    "mean_own_drive": "the same without what is felt of others; without empathy it equals `mean_drive`",
+    "regulated": "the drive below which a life counts as regulated, `below`: half of the mean drive of camping, or of "
+    "resting where nobody can camp (`of`)",
+    "as_lived": "the run itself, learning and its own exploration included: mean drive of its last tenth, and "
+    "`regulated_from`, the first tick from which the running mean of the drive over `window` ticks stays below "
+    "`regulated.below`, null where it never does; null without a run",
+    "worst_block": "the highest mean drive among consecutive blocks of 1,000 ticks of the lives above, for `learned` "
+    "and `learned_epsilon_0`, and the tick at which it begins; null of less than one block",
+    "stuck": "sinks in the same two lives: stretches of 500 ticks or more in which the drive of an agent exceeds "
+    "`regulated.below` throughout, it eats nothing, and it stays within 0.5 lengths of one place or repeats one "
+    "action; ticks, place, mean drive, most frequent action and its share, worst drive first, at most 20 of each life",
     "closed_gap": "(camping - learned) / (camping - planner) of the mean drives: 0 is no better than "
     "camping, 1 as good as the planner",
     "action_shares": "share of the ticks of the learner's life above that each action took",
@@ -70,27 +87,29 @@ class Life:
 
     zeta: Floats  # (T + 1, n, D)
     masks: Bools  # (T + 1, n, A)
-    drive: Floats  # (T + 1, n)
+    drive: Floats  # (T + 1, n) what is felt of others included
+    own_drive: Floats  # (T, n) after every tick, without what is felt of others
     alive: Bools  # (T + 1, n)
+    born: Bools  # (T + 1, n) whether a new tenant took the slot in the tick before
+    position: Floats  # (T + 1, n, 2)
     actions: Ints  # (T, n) executed
 
 
-class Diary:
+class Diary(Observer):
     """An observer that keeps a life of the species of `group`."""
 
-    def __init__(self, group: Group, tick: Tick) -> None:
+    def __init__(self, group: Group, tick: Tick, position: Floats) -> None:
+        """Start with `tick` and the `position` (N, 2) of all agents of the world in it."""
         self.group = group
         self.ticks = [tick]
-
-    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Need no preparation."""
+        self.own_drive: list[Floats] = []
+        self.positions = [position[group.slots].copy()]
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Keep a tick."""
         self.ticks.append(tick)
-
-    def end(self) -> None:
-        """Leave nothing open."""
+        self.own_drive.append(state.own_drive[self.group.slots].copy())
+        self.positions.append(state.position[self.group.slots].copy())
 
     def actions(self) -> Ints:
         """Return the actions executed so far, (T, n)."""
@@ -104,7 +123,10 @@ class Diary:
             zeta=np.array([tick.observations[name] for tick in self.ticks], float),
             masks=np.array([tick.masks[name] for tick in self.ticks]),
             drive=np.array([tick.drive[slots] for tick in self.ticks]),
+            own_drive=np.array(self.own_drive).reshape(len(self.own_drive), self.group.size),
             alive=np.array([tick.alive[slots] for tick in self.ticks]),
+            born=np.array([tick.born[slots] for tick in self.ticks]),
+            position=np.array(self.positions),
             actions=self.actions(),
         )
 
@@ -148,7 +170,7 @@ def check_fits(learner: Learner, scenario: Scenario) -> None:
 
 def live(env: Ecology, learner: Learner, tick: Tick, ticks: int) -> Life:
     """Return a life of `ticks` ticks from `tick`, the learner's movements begun anew."""
-    acting, diary = company(env, learner), Diary(learner.group, tick)
+    acting, diary = company(env, learner), Diary(learner.group, tick, env.state_view.position)
     learner.begin()
     loop.run(env, acting, tick, ticks, [diary])
     return diary.life()
@@ -162,18 +184,104 @@ def mean_drive(scenario: Scenario, learner: Learner, ticks: int, seed: int, skip
     return drive_series(fresh_life(scenario, learner, ticks, seed), skip)
 
 
-def fresh_life(scenario: Scenario, learner: Learner, ticks: int, seed: int) -> Life:
-    """Return a life of `ticks` ticks from birth, without learning and with epsilon 0.05."""
-    learner.evaluating(EPSILON)
+def fresh_life(scenario: Scenario, learner: Learner, ticks: int, seed: int, epsilon: float = EPSILON) -> Life:
+    """Return a life of `ticks` ticks from birth, without learning and with exploration `epsilon`."""
+    learner.evaluating(epsilon)
     env = Ecology(scenario)
     return live(env, learner, env.reset_arrays(seed), ticks)
 
 
-def drive_series(life: Life, skip: int) -> Floats:
-    """Return the drive from tick `skip` on, averaged over the living, up to the last death."""
-    alive, drive = life.alive[skip + 1 :], life.drive[skip + 1 :]
+def drive_series(life: Life, skip: int, *, own: bool = False) -> Floats:
+    """Return the drive from tick `skip` on, averaged over the living, up to the last death.
+
+    `own` leaves out what is felt of others.
+    """
+    alive, drive = life.alive[skip + 1 :], (life.own_drive if own else life.drive[1:])[skip:]
     some = alive.any(axis=1)
     return (drive * alive).sum(axis=1)[some] / alive.sum(axis=1)[some]
+
+
+def running_mean(series: Floats, window: int = WINDOW) -> Floats:
+    """Return the means (T - window + 1,) of a series (T,) over the last `window` ticks, from the first whole one on."""
+    total = np.concatenate([[0.0], np.cumsum(series)])
+    return (total[window:] - total[:-window]) / window
+
+
+def regulated_from(series: Floats, bound: float, *, span: int = 1, window: int = WINDOW) -> int | None:
+    """Return the first tick from which the running mean over `window` ticks stays below `bound`, None without one.
+
+    A row of `series` (T,) is the mean drive of `span` ticks, from birth on. The earliest answer is `window`.
+    """
+    window = max(1, window // span)
+    if len(series) < window:
+        return None
+    above = np.flatnonzero(running_mean(series, window) >= bound)
+    first = window + (int(above[-1]) + 1 if above.size else 0)
+    return first * span if first <= len(series) else None
+
+
+def worst_block(series: Floats, ticks: int = WORST, skip: int = 0) -> dict[str, float | int] | None:
+    """Return the highest mean drive among consecutive blocks of `ticks`, and where it begins; None of no whole one.
+
+    The first row of `series` is that of tick `skip`.
+    """
+    count = len(series) // ticks
+    if not count:
+        return None
+    means = np.asarray(series)[: count * ticks].reshape(count, ticks).mean(axis=1)
+    return {"mean": float(means.max()), "from": skip + int(means.argmax()) * ticks}
+
+
+def stuck(life: Life, group: Group, bound: float, slot: int = 0) -> list[dict[str, Any]]:
+    """Return the sinks in the life of the agent in `slot`: stretches of `SINK` ticks or more in which it starves.
+
+    In a sink the drive exceeds `bound` throughout, the agent eats nothing, and it stays within `SINK_RADIUS` of one
+    place or repeats one action. Where the world leaves no choice for more than half of the ticks, it is asleep.
+    """
+    count = len(life.actions) - SINK + 1
+    if count < 1:
+        return []
+    feeds = np.isin(np.array(group.kinds), ("consume", "bite"))
+    action, place, drive = life.actions[:, slot], life.position[1:, slot], life.drive[1:, slot]
+    starves = (drive > bound) & life.alive[1:, slot] & ~life.born[1:, slot] & ~feeds[action]
+
+    def span(series: np.ndarray) -> np.ndarray:  # largest minus smallest of every window of SINK ticks, by its start
+        highest, lowest = (
+            extreme(series, SINK, axis=0, origin=-(SINK // 2))[:count]
+            for extreme in (ndimage.maximum_filter1d, ndimage.minimum_filter1d)
+        )
+        return highest - lowest
+
+    stays = (span(place) <= 2 * SINK_RADIUS).all(axis=1) | (span(action) == 0)
+    starved, chose = (
+        running_mean(each.astype(float), SINK) for each in (starves, life.masks[:-1, slot].sum(axis=1) > 1)
+    )
+    begins = stays & (starved > 1 - 0.5 / SINK) & (chose >= 0.5)
+    change = np.zeros(len(action) + 1, np.int64)
+    np.add.at(change, np.flatnonzero(begins), 1)
+    np.add.at(change, np.flatnonzero(begins) + SINK, -1)
+    inside = np.concatenate([[False], change[:-1].cumsum() > 0, [False]])
+    found = []
+    for start, end in np.flatnonzero(inside[1:] != inside[:-1]).reshape(-1, 2).tolist():
+        most = np.bincount(action[start:end], minlength=len(group.actions))
+        found.append(
+            {
+                "slot": slot,
+                "from": start,
+                "to": end,
+                "place": place[start:end].mean(axis=0).tolist(),
+                "mean_drive": float(drive[start:end].mean()),
+                "action": group.actions[int(most.argmax())],
+                "share_of_action": float(most.max() / (end - start)),
+            }
+        )
+    return found
+
+
+def sinks(life: Life, group: Group, bound: float, most: int = SINKS) -> list[dict[str, Any]]:
+    """Return the sinks (see `stuck`) of all agents in a life, the worst drive first, at most `most`."""
+    found = [sink for slot in range(group.size) for sink in stuck(life, group, bound, slot)]
+    return sorted(found, key=lambda sink: -sink["mean_drive"])[:most]
 
 
 def interval(series: Floats, seed: int = 0) -> dict[str, float | int | None]:
@@ -347,7 +455,7 @@ def probe(
 
 def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, limit: int) -> tuple[Ints, Ints]:
     """Return the resource that each agent eats first, -1 without, and after how many ticks, both (n,)."""
-    diary = Diary(learner.group, tick)
+    diary = Diary(learner.group, tick, env.state_view.position)
     learner.begin()
     acting = company(env, learner)
     while True:
@@ -355,7 +463,7 @@ def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, 
         fed: Bools = np.any(meals >= 0, axis=0)
         if fed.all() or len(meals) >= limit:
             break
-        tick = loop.run(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
+        tick = loop.advance(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
     when = (meals >= 0).argmax(axis=0)
     return np.where(fed, meals[when, np.arange(len(fed))], -1), when
 
@@ -537,6 +645,26 @@ class Findings:
     checks: dict[str, DeviationCheck]  # "life" and "random_starts"
 
 
+@dataclass(frozen=True)
+class Lived:
+    """The run of the learner: the mean drive of its species, NaN of nobody, in blocks of `span` ticks from birth on."""
+
+    drive: Floats  # (T,)
+    span: int = 1
+
+    def report(self, bound: float | None) -> dict[str, Any]:
+        """Return the mean drive of the last tenth, and from which tick on the running mean stays below `bound`."""
+        some = self.drive[np.isfinite(self.drive)]
+        last = self.drive[-max(1, len(self.drive) // 10) :]
+        last = last[np.isfinite(last)]
+        return {
+            "ticks": len(self.drive) * self.span,
+            "mean_drive_last_tenth": float(last.mean()) if len(last) else None,
+            "window": WINDOW,
+            "regulated_from": None if bound is None else regulated_from(some, bound, span=self.span),
+        }
+
+
 def evaluate(
     scenario: Scenario,
     learner: Learner,
@@ -549,6 +677,7 @@ def evaluate(
     name: str | None = None,
     device: str = "cpu",
     home: Scenario | None = None,
+    lived: Lived | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Findings:
     """Measure `learner` in `scenario`, against the baselines and the true world.
@@ -556,23 +685,42 @@ def evaluate(
     The learner stops learning for good; agents of other species rest. `slot` counts within the species
     and says whose maps and checks are meant; drives and probes are averaged over all. `name` is what the learner
     is called in the report, `device` where that says it computes. `home` is the world that it was trained in, where
-    that is another one; baselines that learn do so there too. `tell` is called with a line before each part. Raises
-    EcologyError where `skip` leaves no ticks, or where the learner does not fit the world.
+    that is another one; baselines that learn do so there too. `lived` is the run itself. `tell` is called with a line
+    before each part. Raises EcologyError where `skip` leaves no ticks, or where the learner does not fit the world.
     """
     if not 0 <= skip < ticks:
         raise EcologyError(f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped.")
     group = learner.group
     check_fits(learner, scenario)
-    tell("living")
-    life = fresh_life(scenario, learner, ticks, seed)
-    drives = {"learned": interval(drive_series(life, skip))}
+    moves = getattr(learner, "moves", None)
+    drives: dict[str, dict[str, Any]] = {"learned": {}, "learned_epsilon_0": {}}
+    own_drives: dict[str, dict[str, Any]] = {"learned": {}, "learned_epsilon_0": {}}
+
+    def keep(name: str, life: Life) -> Floats:
+        """Keep the mean drives of a life; return its drive as a series."""
+        series = drive_series(life, skip)
+        drives[name], own_drives[name] = interval(series), interval(drive_series(life, skip, own=True))
+        return series
+
     for other_name in BASELINES:
         tell(f"living as {other_name}")
         try:
             other = baseline(other_name, scenario, group, seed, ticks, home)
         except EcologyError:
             continue  # a world in which this one cannot live: nothing to walk to
-        drives[other_name] = interval(mean_drive(scenario, other, ticks, seed, skip))
+        keep(other_name, fresh_life(scenario, other, ticks, seed))
+        if isinstance(other, Planner) and moves is not None:
+            explorer = Exploring(other, moves, EPSILON, np.random.SeedSequence(seed))
+            keep("planner_exploring", fresh_life(scenario, explorer, ticks, seed))
+    yardstick = "camping" if "camping" in drives else "rest"
+    usual = drives.get(yardstick, {}).get("mean")
+    bound = None if usual is None else REGULATED * usual
+    worst, sunk = {}, {}
+    for each, epsilon in (("learned_epsilon_0", 0.0), ("learned", EPSILON)):  # the last is the life of all that follows
+        tell(f"living with epsilon {epsilon:g}")
+        life = fresh_life(scenario, learner, ticks, seed, epsilon)
+        worst[each] = worst_block(keep(each, life), skip=skip)
+        sunk[each] = sinks(life, group, bound) if bound is not None else None
     tell("maps")
     maps = maps_of(scenario, learner, slot)
     tell("probe")
@@ -602,6 +750,11 @@ def evaluate(
         "places": places,
         "epsilon": EPSILON,
         "mean_drive": drives,
+        "mean_own_drive": own_drives,
+        "regulated": {"below": bound, "of": yardstick, "share": REGULATED},
+        "as_lived": None if lived is None else lived.report(bound),
+        "worst_block": worst,
+        "stuck": sunk,
         "closed_gap": closed_gap(drives),
         "action_shares": action_shares(life, group),
         "deviation_maps": maps_report(maps, scenario, group) if maps is not None else None,

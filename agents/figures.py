@@ -7,21 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
 
 from agents.evaluation import DeviationCheck, Findings, Life, Maps
 from ecology import EcologyError, Scenario, Species
 from ecology.observers import recorder
 from ecology.observers.colours import need_colour, resource_colours, shaded
-from ecology.state import Floats
+from ecology.observers.plotting import Axes, Circle, Figure, LineCollection, Polygon, new_figure
+from ecology.state import Floats, Ints
 
 DPI = 130
-SHOWN = 3000  # ticks of a life that are drawn, from its beginning
+POINTS = 4000  # of a curve, at most; of more ticks it shows the range of neighbouring ones
 INK, FAINT, LEARNED = "#222222", "#999999", "#0072B2"  # blue of Okabe and Ito (2008)
+MEAL, DIED, BORN = "#D55E00", "#CC79A7", "#009E73"  # their vermilion, purple and green
 SMOOTH = 200  # points of a loss curve, at most
 LINES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), "-.", (0, (7, 1.5, 1.5, 1.5, 1.5, 1.5)))
 
@@ -68,7 +65,7 @@ def deviation_maps(maps: Maps, scenario: Scenario, species: Species, told: Mappi
     count = len(maps.needs)
     columns = min(count, 2)
     rows = -(-count // columns)
-    figure = Figure(figsize=(5.6 * columns, 4.3 * rows), layout="constrained")
+    figure = new_figure((5.6 * columns, 4.3 * rows))
     half = maps.grid.cell / 2
     extent = (
         maps.grid.x[0] - half, maps.grid.x[-1] + half, maps.grid.y[0] - half, maps.grid.y[-1] + half,
@@ -89,10 +86,42 @@ def deviation_maps(maps: Maps, scenario: Scenario, species: Species, told: Mappi
     return figure
 
 
+def changes_of_tenant(life: Life, slot: int) -> tuple[Ints, Ints]:
+    """Return the ticks at which the agent in `slot` died, and those at which another was born in it."""
+    alive, born = life.alive[:, slot], life.born[:, slot].copy()
+    born[0] = False  # the first tenant's birth
+    died = np.flatnonzero(alive[:-1] & (~alive[1:] | born[1:])) + 1
+    return died, np.flatnonzero(born)
+
+
+def _curve(ax: Axes, time: Floats, value: Floats, **style: Any) -> None:
+    """Draw `value` (T,) over `time` (T,), NaN left out; of long series least and greatest of neighbouring ticks."""
+    size = -(-len(value) // (POINTS // 2))
+    if size > 1:
+        edges = np.arange(0, len(value), size)
+        low, high = np.fmin.reduceat(value, edges), np.fmax.reduceat(value, edges)
+        value = np.column_stack([low, high]).ravel()
+        time = np.repeat(time[edges], 2)
+    ax.plot(time, value, **style)
+
+
+def _mark_tenants(ax: Axes, life: Life, slot: int, dt: float, labels: bool) -> None:
+    """Mark deaths and births of new tenants of a slot by vertical lines."""
+    for ticks, colour, style, label in zip(
+        changes_of_tenant(life, slot), (DIED, BORN), ("-", (0, (2, 2))), ("death", "new tenant"), strict=True
+    ):
+        for i, tick in enumerate(ticks.tolist()):
+            name = label if labels and not i else None
+            ax.axvline(tick * dt, color=colour, linestyle=style, linewidth=1.0, zorder=1, label=name)
+
+
 def internal_states(life: Life, scenario: Scenario, species: Species, slot: int = 0) -> Figure:
-    """Draw the deviations of the needs, the fatigues and the drive over the beginning of a life."""
-    ticks = min(SHOWN, len(life.actions))
-    time = np.arange(ticks + 1) * scenario.dt
+    """Draw the deviations of the needs, the fatigues and the drive over a whole life, and the tenants of its slot."""
+    time: Floats = np.arange(len(life.actions) + 1, dtype=float) * float(scenario.dt)
+
+    def masked(value: Floats) -> Floats:
+        return np.where(life.alive[:, slot], value, np.nan)
+
     groups = [
         (title, rows)
         for title, rows in (
@@ -101,54 +130,64 @@ def internal_states(life: Life, scenario: Scenario, species: Species, slot: int 
         )
         if rows
     ]
-    figure = Figure(figsize=(10, 2.6 * (len(groups) + 1)), layout="constrained")
+    figure = new_figure((12, 2.6 * (len(groups) + 1)))
     axes = figure.subplots(len(groups) + 1, 1, sharex=True, squeeze=False)[:, 0]
     for ax, (title, rows) in zip(axes, groups, strict=False):
         for k, i in enumerate(rows):
-            ax.plot(
+            _curve(
+                ax,
                 time,
-                life.zeta[: ticks + 1, slot, i],
+                masked(life.zeta[:, slot, i]),
                 color=rgb(shaded(need_colour(i), 0.85)),
                 linestyle=LINES[k % len(LINES)],
-                linewidth=1.4,
+                linewidth=1.2,
                 label=species.needs[i].name.replace("_", " "),
             )
         ax.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
         ax.set_ylabel(title)
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
-    axes[-1].plot(time, life.drive[: ticks + 1, slot], color=INK, linewidth=1.2)
+    _curve(axes[-1], time, masked(life.drive[:, slot]), color=INK, linewidth=1.0, label="drive")
+    for ax in axes:
+        _mark_tenants(ax, life, slot, scenario.dt, labels=ax is axes[-1])
     axes[-1].set_ylim(bottom=0)
     axes[-1].set_ylabel("drive $d$")
     axes[-1].set_xlabel("time")
     axes[-1].set_xlim(0, time[-1])
-    axes[0].set_title("Internal states from birth, without learning", fontsize=11)
+    axes[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+    axes[0].set_title(f"Internal states from birth, without learning, {len(life.actions):,} ticks", fontsize=11)
     return figure
 
 
-def trajectory(life: Life, scenario: Scenario, species: Species, layout: Sequence[str], slot: int = 0) -> Figure:
-    """Draw the path through the arena over the beginning of a life, coloured by time, meals marked."""
-    ticks = min(SHOWN, len(life.actions))
-    where = [list(layout).index("x"), list(layout).index("y")]
-    path = life.zeta[: ticks + 1, slot][:, where]
-    time = np.arange(ticks + 1) * scenario.dt
-    figure = Figure(figsize=(8.5, 6), layout="constrained")
+def trajectory(life: Life, scenario: Scenario, species: Species, slot: int = 0) -> Figure:
+    """Draw the path through the arena over a whole life, coloured by time, with meals, deaths and new tenants."""
+    path, alive = life.position[:, slot], life.alive[:, slot]
+    time = np.arange(len(path)) * scenario.dt
+    died, born = changes_of_tenant(life, slot)
+    figure = new_figure((8.5, 6))
     ax = figure.add_subplot()
     arena(ax, scenario)
-    pieces = np.stack([path[:-1], path[1:]], axis=1)
-    lines = LineCollection(list(pieces), cmap="viridis", array=time[:-1], linewidths=1.3, alpha=0.85, zorder=2)
+    kept = alive[:-1] & alive[1:] & ~life.born[1:, slot]  # no line from a death to the next tenant's birth
+    pieces = np.stack([path[:-1], path[1:]], axis=1)[kept]
+    lines = LineCollection(list(pieces), cmap="viridis", array=time[:-1][kept], linewidths=1.0, alpha=0.7, zorder=2)
     ax.add_collection(lines)
-    eats = np.array([action.kind == "consume" for action in species.actions])[life.actions[:ticks, slot]]
-    ax.scatter(path[:-1][eats, 0], path[:-1][eats, 1], s=14, color="#D55E00", zorder=6, label="meals", linewidths=0)
-    ax.scatter(path[0, 0], path[0, 1], marker="s", s=50, facecolor="white", edgecolor=INK, zorder=7, label="birth")
+    feeds = np.array([action.kind in ("consume", "bite") for action in species.actions])
+    eats = feeds[life.actions[:, slot]] & alive[:-1]
+    x, y = path.T
+    ax.scatter(x[:-1][eats], y[:-1][eats], s=14, color=MEAL, zorder=6, label="meals", linewidths=0)
+    ax.scatter(x[0], y[0], marker="s", s=50, facecolor="white", edgecolor=INK, zorder=7, label="birth")
+    if len(died):
+        ax.scatter(x[died - 1], y[died - 1], marker="x", s=50, color=DIED, zorder=8, label="death")
+    if len(born):
+        ax.scatter(x[born], y[born], marker="^", s=50, facecolor="white", edgecolor=BORN, zorder=8, label="new tenant")
     figure.colorbar(lines, ax=ax, label="time", shrink=0.9)
     ax.legend(loc="lower right", fontsize=9)
-    ax.set_title("Path from birth, without learning", fontsize=11)
+    ax.set_title(f"Path from birth, without learning, {len(life.actions):,} ticks", fontsize=11)
     return figure
 
 
 def losses(tick: Floats, columns: Mapping[str, Floats]) -> Figure:
     """Draw losses (T,) by name over the ticks (T,), smoothed by a running median."""
-    figure = Figure(figsize=(9, 3.0 * len(columns)), layout="constrained")
+    figure = new_figure((9, 3.0 * len(columns)))
     axes = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, value) in zip(axes, columns.items(), strict=True):
         good = np.isfinite(value) & (value > 0)
@@ -174,7 +213,7 @@ def losses(tick: Floats, columns: Mapping[str, Floats]) -> Figure:
 def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Figure:
     """Draw the mean drive of the learner and of those it is measured against, with intervals."""
     rows = sorted((d["mean"], name) for name, d in drives.items() if d["mean"] is not None)
-    figure = Figure(figsize=(8, 0.55 * len(rows) + 1.6), layout="constrained")
+    figure = new_figure((8, 0.55 * len(rows) + 1.6))
     ax = figure.add_subplot()
     end = [mean if drives[name]["high"] is None else drives[name]["high"] for mean, name in rows]
     for i, (mean, name) in enumerate(rows):
@@ -194,7 +233,7 @@ def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Fig
 
 def deviation_check(checks: Mapping[str, DeviationCheck]) -> Figure:
     """Draw J against the discounted drive measured along the same policy."""
-    figure = Figure(figsize=(6.4, 6), layout="constrained")
+    figure = new_figure((6.4, 6))
     ax = figure.add_subplot()
     words = {"life": "along a life", "random_starts": "after random starts"}
     marks = {"life": ("o", LEARNED), "random_starts": ("^", "#D55E00")}
@@ -235,7 +274,7 @@ def draw(
         figures["deviation_maps"] = deviation_maps(findings.maps, scenario, species, told["deviation_maps"])
     figures["internal_states"] = internal_states(life, scenario, species, slot)
     if "x" in layout:
-        figures["trajectory"] = trajectory(life, scenario, species, layout, slot)
+        figures["trajectory"] = trajectory(life, scenario, species, slot)
     if metrics is not None:
         tick, columns = read_losses(metrics, species.name)
         if columns:
@@ -247,7 +286,6 @@ def draw(
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.png")
-        FigureCanvasAgg(figure)
         figure.savefig(paths[-1], dpi=DPI)
     return paths
 

@@ -221,7 +221,9 @@ class HJB(Learner):
         self.hopes = self.cells > 0 and s.optimism > 0 and s.finite_difference
         self.senses = self._senses()
         self.device = at = devices.make(device, self.senses, n)
-        draw = np.random.default_rng(seed.spawn(1)[0])
+        # the seed's first child, made here: `seed.spawn` would change the caller's seed
+        child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0), pool_size=seed.pool_size)
+        draw = np.random.default_rng(child)
         self.generator = np.random.default_rng(draw.integers(2**62))
         angles = int(np.sum(kinds == "angle"))
         inputs = len(kinds) + angles + self.cells

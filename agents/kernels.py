@@ -21,6 +21,10 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from ecology.compiler_cache import use_cache
+
+use_cache(__file__)
+
 F = np.float32
 ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)
 BIAS, LOG2E, LN2_HIGH, LN2_LOW = F(127), F(1.44269504), F(0.693359375), F(-2.12194440e-4)

@@ -1,8 +1,9 @@
-"""The only loop: a world, its learners and those who watch."""
+"""The only loop: a world, its learners and their observers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -19,10 +20,46 @@ def run(
     observers: Iterable[Observer] = (),
     clock: Callable[[], float] = float,
 ) -> Tick:
-    """Live for `ticks` ticks from `tick` (as `env.reset_arrays` returned it) and return the last one.
+    """Run for `ticks` ticks from `tick` (as `env.reset_arrays` returned it) and return the last one.
 
-    What acting and learning take by `clock`, seconds, is added to `learner.seconds`; by default it stands still.
+    Every observer's `begin` is called once before the first tick and its `end` once after the last one, also where an
+    exception ends the run. `advance` is the same without `begin` and `end`.
+
+    The time that acting and learning take by `clock`, in seconds, is added to `learner.seconds`; the default clock
+    stands still.
     """
+    observers = tuple(observers)
+    with observing(observers, env, learners):
+        return advance(env, learners, tick, ticks, observers, clock)
+
+
+@contextlib.contextmanager
+def observing(observers: Iterable[Observer], env: Ecology, learners: Mapping[str, Learner]) -> Iterator[None]:
+    """Begin the observers in order, and end those that have begun in reverse order, whatever is raised."""
+    observers = tuple(observers)
+    for observer in observers:
+        methods = (getattr(observer, name, None) for name in ("begin", "watch", "end"))
+        if isinstance(observer, type) or not all(map(callable, methods)):
+            raise EcologyError(
+                f"an observer is an object with the methods begin, watch and end, got {observer!r}; derive its class "
+                "from ecology.observers.base.Observer, which has empty ones, and pass an instance of it."
+            )
+    with contextlib.ExitStack() as at_end:
+        for observer in observers:
+            observer.begin(env, learners)
+            at_end.callback(observer.end)
+        yield
+
+
+def advance(
+    env: Ecology,
+    learners: Mapping[str, Learner],
+    tick: Tick,
+    ticks: int,
+    observers: Iterable[Observer] = (),
+    clock: Callable[[], float] = float,
+) -> Tick:
+    """Run for `ticks` ticks as `run` does, but leave `begin` and `end` of the observers to the caller."""
     observers = tuple(observers)
     groups = [(group, learners[group.name]) for group in env.groups.values()]
     actions = np.zeros(env.size, np.int64)
@@ -50,9 +87,10 @@ def run(
                         observations=before.observations[group.name],
                         masks=before.masks[group.name],
                         actions=tick.action[group.slots],
-                        next_observations=tick.observations[group.name],
+                        next_observations=_outcome(group, before, tick) if changed else tick.observations[group.name],
                         next_masks=tick.masks[group.name],
                         alive=alive[group.slots],
+                        died=tick.died[group.slots],
                     )
                 )
                 learner.seconds += clock() - began
@@ -63,6 +101,16 @@ def run(
             for observer in observers:
                 observer.watch(state, tick, learners)
     return tick
+
+
+def _outcome(group: Group, before: Tick, tick: Tick) -> np.ndarray:
+    """Return the observations after a tick (n, D); an agent that died keeps all but its needs as it last sensed them.
+
+    The dead sense nothing, so `tick` says of their surroundings that nothing is in sight.
+    """
+    after, died = tick.observations[group.name], tick.died[group.slots]
+    sensed = np.array(group.layout.kinds) != "deviation"
+    return np.where(died[:, None] & sensed, before.observations[group.name], after)
 
 
 def _pass_on(group: Group, learner: Learner, tick: Tick) -> None:

@@ -34,6 +34,14 @@ class Movements:
         """Return which movements (n, M) are open under the action masks (n, A)."""
         return masks[:, self.action[:, 0]] & masks[:, self.action[:, 1]]
 
+    def explore(self, open_: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+        """Return a random movement (k,) for each row of `open_` (k, M), from uniform numbers (k,).
+
+        The chance of a movement is inverse to its length, so that all open movements get the same time.
+        """
+        share = (open_ / self.length).cumsum(axis=1)
+        return (share > uniform[:, None] * share[:, -1:]).argmax(axis=1)
+
 
 def single_ticks(group: Group) -> Movements:
     """Return one movement of one tick per action: the fixed time step of Algorithm 1."""

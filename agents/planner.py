@@ -23,6 +23,7 @@ import shapely
 from scipy.sparse.csgraph import dijkstra
 
 from agents.base import Learner
+from agents.movements import Movements
 from ecology import Arena, Ecology, EcologyError, Group, Scenario
 from ecology.actions import ActionTable, compile_actions
 from ecology.physiology import advance, clamp, compile_bodies, drive
@@ -473,6 +474,11 @@ class Yardstick(Learner):
         self.stage = np.zeros(self.size, np.int64)
         self._legs = [Leg() for _ in range(self.size)]
 
+    def lose_way(self, slots: Ints) -> None:
+        """Drop the walks under way of `slots` (k,), which were moved elsewhere."""
+        for slot in slots:
+            self._legs[slot] = Leg()
+
     def walk_to(self, slot: int, goal: int, zeta: Floats, mask: Bools, run: bool = False) -> int:
         """Return the action that brings the agent in `slot` nearer to resource `goal`."""
         known, steering, leg = self.known, self.steering, self._legs[slot]
@@ -538,6 +544,58 @@ class Camping(Yardstick):
     """One who walks to the best resource, stays, and naps and rests there: the strongest simple policy."""
 
     longest: ClassVar[int] = 1
+
+
+class Exploring(Learner):
+    """A yardstick that explores as an epsilon-greedy learner does: the same movements, as often, in the same world.
+
+    A decision is due when the last movement is over. With probability epsilon it is a random one of `moves`, held to
+    its end; otherwise the yardstick acts for as long as the movement lasts that its action begins.
+    """
+
+    def __init__(
+        self, inner: Yardstick, moves: Movements, epsilon: float, seed: np.random.SeedSequence | None = None
+    ) -> None:
+        super().__init__(inner.group, seed or np.random.SeedSequence(0))
+        self.inner, self.moves, self.epsilon = inner, moves, epsilon
+        firsts = moves.action[:, 0]  # of the movements that begin with an action, the shortest
+        self._length = np.array(
+            [moves.length[firsts == a].min() if (firsts == a).any() else 1 for a in range(len(self.group.actions))]
+        )
+        self.begin()
+
+    def begin(self) -> None:
+        """Drop the movements under way."""
+        self.inner.begin()
+        self.movement = np.full(self.size, -1)  # explored, -1: the yardstick acts
+        self.stage, self.left = np.zeros(self.size, np.int64), np.zeros(self.size, np.int64)
+
+    def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        """Return an action (n,): that of the yardstick, or of a movement that is explored."""
+        moves, row = self.moves, np.arange(self.size)
+        explores = self.movement >= 0
+        over = self.left <= 0
+        second = explores & over & (self.stage == 0) & (moves.ticks[self.movement, 1] > 0)
+        self.stage[second] = 1
+        self.left[second] = moves.ticks[self.movement[second], 1]
+        chosen = moves.action[self.movement, self.stage]
+        ends = explores & (~masks[row, chosen] | (over & ~second & (masks.sum(axis=1) > 1)))
+        self.inner.lose_way(np.flatnonzero(ends))
+        self.movement[ends] = -1
+
+        actions = self.inner.act(observations, masks)
+        open_ = moves.open(masks)
+        drawn = self.rng.random((self.size, 2))
+        due = (ends | (~explores & over)) & open_.any(axis=1) & (masks.sum(axis=1) > 1)
+        begins = due & (drawn[:, 0] < self.epsilon)
+        if begins.any():
+            self.movement[begins] = moves.explore(open_[begins], drawn[begins, 1])
+            self.stage[begins] = 0
+            self.left[begins] = moves.ticks[self.movement[begins], 0]
+        plans = due & ~begins
+        self.left[plans] = self._length[actions[plans]]
+        self.left -= 1
+        return np.where(self.movement >= 0, moves.action[self.movement, self.stage], actions)
 
 
 def travel(traveller: Yardstick, scenario: Scenario) -> Floats:

@@ -4,6 +4,7 @@ from ecology.env import Ecology, Group, Tick, parallel_env
 from ecology.errors import EcologyError
 from ecology.meetings import Outcome, World
 from ecology.scenario import Scenario
+from ecology.single import GymEnv, gym_env
 from ecology.spec import (
     Action,
     Arena,
@@ -43,6 +44,7 @@ __all__ = [
     "Empathy",
     "Group",
     "Growth",
+    "GymEnv",
     "Hazard",
     "Need",
     "Neighbours",
@@ -61,6 +63,7 @@ __all__ = [
     "consume",
     "give",
     "go_to",
+    "gym_env",
     "move",
     "parallel_env",
     "rest",

@@ -105,6 +105,28 @@ def matrix(
     return weight
 
 
+def weights(coupling: Coupling, weight: Floats, alive: Bools, column: int | None) -> tuple[Floats, Ints]:
+    """Return the w_ij that make the drive of `weight` (n, m), (n, k), one's own among them, and the k slots felt.
+
+    They are those of the need in `column` in the average form, of the one that is felt most where it is None.
+    """
+    rows, others = coupling.rows, coupling.others
+    mine = np.arange(rows.start, rows.stop)
+    own = alive[rows].astype(float)
+    if coupling.empathy.form == "average":
+        column = int(np.argmin(coupling.own)) if column is None else column
+        weight = weight * (coupling.column[:, column] >= 0)
+        total = weight.sum(axis=1)
+        share = np.where(total > 0, 1.0 - coupling.own[column], 0.0)
+        weight = weight * np.divide(share, total, out=np.zeros_like(total), where=total > 0)[:, None]
+        own -= share
+    slots = np.union1d(others, mine)
+    found = np.zeros((len(weight), len(slots)))
+    found[:, np.searchsorted(slots, others)] = weight
+    found[np.arange(len(mine)), np.searchsorted(slots, mine)] = own
+    return found, slots
+
+
 def _shuffled(weight: Floats, alive: Bools, ring: Ints, others: Ints, mine: Ints) -> Floats:
     """Return the weights (n, m) with each partner's place taken by the next one alive in the ring, never oneself."""
     living = np.flatnonzero(alive)[np.argsort(ring[alive])]

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, TypedDict, Unpack
 
 import gymnasium
 import numpy as np
 from pettingzoo import ParallelEnv
 
-from ecology import empathy, kernels, life, meetings, neighbours, physiology, resources, senses
+from ecology import changes, empathy, kernels, life, meetings, neighbours, physiology, resources, senses
 from ecology.actions import ActionTable, action_mask, compile_actions
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import World
 from ecology.physics import Physics
-from ecology.plane import plane_of
+from ecology.plane import corners_of, plane_of
 from ecology.scenario import Scenario
 from ecology.senses import Layout
 from ecology.spec import Species, require
@@ -24,6 +25,11 @@ from ecology.state import CAUSES, Bools, Floats, Ints, State
 
 # one random stream each; new ones come last
 CONCERNS = ("birth", "noise", "availability", "motion", "meeting", "offspring", "hazard", "rule", "lesion")
+# attributes of Ecology that never change, which a copy shares
+FIXED = (
+    "scenario", "groups", "_plane", "_walls", "_body", "_eyes", "_tables", "_resources", "_gazes", "_couplings",
+    "_radius", "_solid", "_species_of", "_looks", "_choices", "_acting", "_needs", "_has_need", "_patches",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -51,7 +57,7 @@ class Group:
 class Tick:
     """What one tick brought, in arrays; per species under its name."""
 
-    observations: Mapping[str, np.ndarray]  # float32 (n, D), zeta
+    observations: Mapping[str, np.ndarray]  # float32 (n, D), zeta; of an agent that died, its needs at death
     masks: Mapping[str, Bools]  # (n, A), A_zeta
     reward: Floats  # (N,) drive before minus drive after
     drive: Floats  # (N,)
@@ -59,6 +65,7 @@ class Tick:
     died: Bools  # (N,) in this tick
     born: Bools  # (N,) in this tick
     parent: Ints  # (N,) slot of the parent, -1 without
+    killer: Ints  # (N,) slot of the agent that bit it to death in this tick, -1 without
     closed: Bools  # (N,) whose action was closed and was replaced
     action: Ints  # (N,) executed in the tick
 
@@ -70,6 +77,8 @@ class Ecology(ParallelEnv):
     world without dicts, and give the same trajectory. A closed action is replaced by rest (or,
     where rest is closed too, by what is open: the sleep that immobilises, the go_to committed
     to), and `infos[agent]["closed"]` says so.
+
+    `copy.deepcopy` and `pickle` take a world at any tick, and the copy continues bit for bit.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "ecology", "render_modes": ["rgb_array"], "is_parallelizable": True}
@@ -99,11 +108,11 @@ class Ecology(ParallelEnv):
         ends = np.cumsum(counts).tolist()
         blocks = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
         self._plane = plane_of(scenario.arena)
-        self._walls = np.array(scenario.arena.vertices, dtype=float)
+        self._walls = corners_of(scenario.arena)
         self._body = physiology.compile_bodies(species, width)
         self._eyes = senses.compile_eyes(species, scenario.arena, scenario.resources)
         self._tables = [compile_actions(s, scenario.resources, species) for s in species]
-        self._resources = resources.compile_resources(scenario.resources)
+        self._resources = resources.compile_resources(scenario.resources, scenario.arena, species)
         self._gazes = [
             senses.compile_gaze(s, rows, scenario.arena, scenario.resources, species)
             for s, rows in zip(species, blocks, strict=True)
@@ -138,15 +147,18 @@ class Ecology(ParallelEnv):
             )
         self._acting = tuple(zip(self.groups.values(), self._tables, strict=True))
         self._needs = {s.name: tuple(need.name for need in s.needs) for s in species}
+        has = [np.arange(width) < len(s.needs) for s in species]
+        self._has_need = np.repeat(has, counts, axis=0)  # (N, V) which needs are none of the padding
+        ends = np.cumsum([r.count for r in scenario.resources]).tolist()
+        self._patches = {r.name: slice(end - r.count, end) for r, end in zip(scenario.resources, ends, strict=True)}
         self.open_population = any(s.grows for s in species)
         if not self.open_population:  # with births there is no end of names: see ecology.fixed
             self.possible_agents = [f"{s.name}_{serial}" for s, serials in self._founders() for serial in serials]
-        self.agents: list[str] = []
-        self._slots: dict[str, int] = {}  # of `agents`, by name
+        self._named: tuple[list[str], dict[str, int]] | None = None  # `agents` and their slots; None: to be found
         self._state: State | None = None
         self._picture: Any = None  # of `render`, drawn upon again and again
         self._pairs: neighbours.Pairs | None = None
-        self._seed = 0
+        self._seed: int | None = None
 
     def _nearness(self) -> float:
         """Return the distance within which anyone senses, meets or crowds another; 0: nobody does."""
@@ -167,6 +179,20 @@ class Ecology(ParallelEnv):
             start += s.count
         return found
 
+    # ---- copies --------------------------------------------------------------------------
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the picture, which a copy draws anew."""
+        return {**self.__dict__, "_picture": None}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Ecology:
+        """Return a world of its own, which shares only what never changes."""
+        twin = memo[id(self)] = object.__new__(type(self))
+        state = self.__getstate__()
+        memo |= {id(state[name]): state[name] for name in FIXED}
+        twin.__dict__.update(copy.deepcopy(state, memo))
+        return twin
+
     # ---- the world in arrays -------------------------------------------------------------
 
     @property
@@ -174,14 +200,23 @@ class Ecology(ParallelEnv):
         """Return a read-only view of everything that changes."""
         return self._now().readonly()
 
+    @property
+    def seed(self) -> int | None:
+        """Return the seed that the world was last reset with, given or drawn; None before the first reset."""
+        return self._seed
+
     def reset_arrays(self, seed: int | None = None) -> Tick:
-        """Start the world anew from `seed` and return its first observations."""
+        """Start the world anew from `seed` and return its first observations.
+
+        Without a seed the first reset draws one from the operating system, and each later reset derives one
+        from the last. `env.seed` returns it, and `reset(seed=env.seed)` repeats the episode.
+        """
         if seed is not None:
             require(
                 isinstance(seed, (int, np.integer)) and seed >= 0,
                 f"seed must be a whole number of at least 0, got {seed!r}.",
             )
-            self._seed = int(seed)
+        self._seed = _next_seed(self._seed) if seed is None else int(seed)
         streams = np.random.SeedSequence(self._seed).spawn(len(CONCERNS))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
         n, table = self.size, self._resources
@@ -201,6 +236,8 @@ class Ecology(ParallelEnv):
             serial=serial,
             parent=np.full(n, -1),
             cause=np.zeros(n, np.int64),
+            fatal_need=np.full(n, -1),
+            killer=np.full(n, -1),
             age=np.zeros(n),
             position=position,
             heading=senses.wrap(heading),
@@ -215,7 +252,7 @@ class Ecology(ParallelEnv):
             gave=np.full(n, -1),
             inside=np.zeros((n, r), bool),
             seen=np.zeros((n, r), bool),
-            resource_position=resources.first_places(table, self.scenario.arena, self._rng["motion"]),
+            resource_position=resources.first_places(table, self._rng["motion"]),
             stock=table.stock.copy(),
             available=resources.appear(table, np.ones(r, bool), 1, self._rng["availability"]),
             grown=np.zeros(r),
@@ -228,6 +265,7 @@ class Ecology(ParallelEnv):
             returned=0,
             closed=np.zeros(n, np.int64),
         )
+        self._named = None
         self._ring = self._rng["lesion"].permutation(n)
         self._physics = Physics(self.scenario.arena, self._radius, self._solid, state.position, state.alive)
         self._feel()
@@ -252,14 +290,14 @@ class Ecology(ParallelEnv):
         state.returned += returned
         # meetings: bodies that eat from one stock share it; bites, gifts, crowding, the scenario's own rule
         control, ingested, eaten = self._eat(control)
-        received, given, killed, ruled = self._meet(control)
+        received, given, killed, ruled, biter, wound = self._meet(control)
         # physiology: bodies drift, act and are disturbed
         before = state.drive
         taken = ingested + received - given
         internal = physiology.advance(body, state.internal, control, state.time, state.age, self.dt, self._rng["noise"])
         internal += received - given
         # births and deaths
-        died = self._die(internal, killed, ruled)
+        died, killer = self._die(internal, killed, ruled, biter, wound)
         free = ~state.alive  # a slot rests for a tick before a newborn takes it
         for name in ("metabolised", "lost", "age", "hold"):
             setattr(state, name, getattr(state, name).copy())  # what was handed out stays as it was
@@ -275,7 +313,10 @@ class Ecology(ParallelEnv):
         state.time = state.tick * self.dt
         # senses and observation
         self._feel()
-        return self._look(np.where(born, 0.0, before - state.drive), died, closed, born, parent)
+        tick = self._look(np.where(born, 0.0, before - state.drive), died, closed, born, parent, killer)
+        if died.any():
+            self._show_fatal(tick, internal)
+        return tick
 
     def _decide(self, actions: np.ndarray) -> tuple[Floats, Floats, Floats, Bools]:
         """Return u (N, V), speed (N,), direction (N,) and who asked for a closed action (N,)."""
@@ -284,6 +325,8 @@ class Ecology(ParallelEnv):
         control = np.empty_like(state.internal)
         speed, direction, way = np.empty(self.size), np.empty(self.size), np.empty((self.size, 2))
         closed = np.empty(self.size, bool)
+        for name in ("heading", "action", "hold", "bound_for"):
+            setattr(state, name, getattr(state, name).copy())  # what was handed out stays as it was
         going = 0
         for group, table in self._acting:
             going += kernels.decide(
@@ -295,7 +338,7 @@ class Ecology(ParallelEnv):
         if going:
             rows = np.flatnonzero(state.bound_for >= 0)
             state.heading[rows] = direction[rows] = np.arctan2(way[rows, 1], way[rows, 0])
-        state.closed += closed
+        state.closed = state.closed + closed
         return control, speed, direction, closed
 
     def _eat(self, control: Floats) -> tuple[Floats, Floats, Floats]:
@@ -317,16 +360,18 @@ class Ecology(ParallelEnv):
             state.eaten = state.eaten + eaten
         return control, ingested, eaten
 
-    def _meet(self, control: Floats) -> tuple[Floats, Floats, Bools, Bools]:
+    def _meet(self, control: Floats) -> tuple[Floats, Floats, Bools, Bools, Ints, Floats | None]:
         """Return what is received and given (N, V), who is bitten to death and who is killed by the rule, (N,).
 
+        With them the slot of the agent that bit each, -1 without (N,), and what bites took, None: nothing (N, V).
         Crowding is added to the control u (N, V).
         """
         state, n = self._now(), self.size
         received, given = np.zeros(control.shape), np.zeros(control.shape)
         killed, ruled = np.zeros(n, bool), np.zeros(n, bool)
+        biter, wound = self._nobody, None
         if not self._meeting and self.scenario.rule is None:
-            return received, given, killed, ruled
+            return received, given, killed, ruled, biter, wound
         if self._meeting:
             state.bit, state.gave = self._nobody.copy(), self._nobody.copy()
             attackers, victims, chance = [], [], []
@@ -350,26 +395,35 @@ class Ecology(ParallelEnv):
             attacker, victim = np.concatenate(attackers), np.concatenate(victims)
             if attacker.size:
                 won = meetings.succeed(attacker, victim, np.concatenate(chance), self.dt, n, self._rng["meeting"])
-                self._bite(attacker[won], victim[won], received, given, killed)
+                if won.any():
+                    biter, wound = self._bite(attacker[won], victim[won], received, given, killed)
             self._crowd(control)
         if self.scenario.rule is not None:
             world = World(
                 state.readonly(), self.dt, {g.name: g.slots for g in self.groups.values()}, self._needs,
-                {g.name: g.actions for g in self.groups.values()},
+                {g.name: g.actions for g in self.groups.values()}, self._patches, self.scenario.arena,
             )  # fmt: skip
-            outcome = meetings.checked(self.scenario.rule(world, self._rng["rule"]), self.scenario, state)
+            outcome = meetings.checked(self.scenario.rule(world, self._rng["rule"]), self.scenario, world)
             living = state.alive[:, None]
             received += np.where(living, outcome.received, 0.0)
             given += np.where(living, outcome.given, 0.0)
             ruled = outcome.killed & state.alive
             if outcome.position is not None:
-                state.position = np.where(living, self._inside(np.asarray(outcome.position, float)), state.position)
+                place = self._plane.home(np.asarray(outcome.position, float))
+                state.position = np.where(living, place, state.position)
         state.received, state.given = state.received + received, state.given + given
-        return received, given, killed, ruled
+        return received, given, killed, ruled, biter, wound
 
-    def _bite(self, attacker: Ints, victim: Ints, received: Floats, given: Floats, killed: Bools) -> None:
-        """Write what successful bites (k,) come to into what is received and given (N, V) and who is killed (N,)."""
+    def _bite(
+        self, attacker: Ints, victim: Ints, received: Floats, given: Floats, killed: Bools
+    ) -> tuple[Ints, Floats]:
+        """Write what successful bites (k,) come to into what is received and given (N, V) and who is killed (N,).
+
+        Returns the slot of the agent that bit each, -1 without (N,), and what bites took (N, V).
+        """
         state = self._now()
+        biter, wound = self._nobody.copy(), np.zeros(given.shape)
+        biter[victim] = attacker
         state.bit[attacker] = victim
         for group, table in self._acting:
             mine = (attacker >= group.slots.start) & (attacker < group.slots.stop)
@@ -379,7 +433,9 @@ class Ecology(ParallelEnv):
             received[who] += table.gain[act]
             kills = np.isnan(table.damage[act]).any(axis=1)
             killed[whom[kills]] = True
-            given[whom[~kills]] += table.damage[act[~kills]]
+            wound[whom[~kills]] = table.damage[act[~kills]]
+        given += wound
+        return biter, wound
 
     def _crowd(self, control: Floats) -> None:
         """Add to u (N, V) what the others near a body do to it."""
@@ -397,32 +453,40 @@ class Ecology(ParallelEnv):
             for name, rate in crowding.control.items():
                 control[group.slots, self._needs[species.name].index(name)] += rate * others
 
-    def _inside(self, position: Floats) -> Floats:
-        """Return `position` (N, 2) with bodies that a rule put outside the arena where they were."""
-        if self._plane.torus:
-            return self._plane.home(position)
-        state = self._now()
-        outside = ~kernels.inside_polygon(self._walls, position)
-        state.returned += int(np.count_nonzero(outside & state.alive))
-        return np.where(outside[:, None], state.position, position)
+    def _die(
+        self, internal: Floats, killed: Bools, ruled: Bools, biter: Ints, wound: Floats | None
+    ) -> tuple[Bools, Ints]:
+        """Return who dies in this tick and the slot of the agent that killed it, -1 without, both (N,).
 
-    def _die(self, internal: Floats, killed: Bools, ruled: Bools) -> Bools:
-        """Return who dies in this tick, (N,), and note of what."""
+        What each died of is noted. It was bitten to death where without the `wound` (N, V) it would have lived.
+        """
         state, body = self._now(), self._body
-        died = np.zeros(self.size, bool)
+        died, killer = np.zeros(self.size, bool), self._nobody
         if not self._mortal:
-            return died
+            return died, killer
         of_need = physiology.fatal(body, internal) if body.deadly else died
+        bitten = died
+        if wound is not None and of_need.any():
+            bitten = of_need & (biter >= 0) & ~physiology.fatal(body, internal + wound)
         failed = np.zeros(self.size, bool)
         for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
             if species.hazard is not None:
                 failed[group.slots] = life.fails(species.hazard, state.age[group.slots], self.dt, self._rng["hazard"])
-        for cause, who in (("eaten", killed), ("rule", ruled), ("need", of_need), ("hazard", failed)):
+        for cause, who in (
+            ("eaten", killed), ("rule", ruled), ("bitten", bitten), ("need", of_need), ("hazard", failed)
+        ):  # fmt: skip
             new = who & state.alive & ~died
-            if new.any():
-                state.cause = np.where(new, CAUSES.index(cause), state.cause)
-                died = died | new
-        return died
+            if not new.any():
+                continue
+            state.cause = np.where(new, CAUSES.index(cause), state.cause)
+            if cause in ("bitten", "need"):
+                state.fatal_need = np.where(new, physiology.first_fatal(body, internal), state.fatal_need)
+            if cause in ("eaten", "bitten"):
+                killer = np.where(new, biter, killer)
+                state.killer = np.where(new, state.serial[biter], state.killer)
+            died = died | new
+            self._named = None
+        return died, killer
 
     def _bear(self, free: Bools) -> tuple[Bools, Ints]:
         """Let newborns take `free` slots (N,), and return who is born (N,) and the slot of each one's parent (N,)."""
@@ -438,6 +502,8 @@ class Ecology(ParallelEnv):
             if species.birth is not None:
                 able = life.fit(species.birth, needs, state.internal[rows], state.age[rows], state.alive[rows])
                 bearers = rows.start + life.bearers(species.birth, able, len(slots), self.dt, rng)
+                if bearers.size:
+                    state.given = state.given.copy()  # what was handed out stays as it was
                 for name, cost in species.birth.cost.items():
                     state.internal[bearers, needs.index(name)] -= cost
                     state.given[bearers, needs.index(name)] += cost
@@ -462,14 +528,19 @@ class Ecology(ParallelEnv):
     def _settle(self, new: Ints, place: Floats, heading: Floats) -> None:
         """Let newborns live in the slots `new` (k,), at `place` (k, 2); what was left of the dead there is lost."""
         state = self._now()
-        for name in ("serial", "parent", "cause", "age", "alive", "action", "bound_for", "position", "heading"):
+        for name in (
+            "serial", "parent", "cause", "fatal_need", "killer", "age", "alive", "action", "bound_for", "position",
+            "heading", "received",
+        ):  # fmt: skip
             setattr(state, name, getattr(state, name).copy())  # what was handed out stays as it was
+        self._named = None
         state.lost[new] += state.internal[new]
         state.received[new] += self._body.start[new]
         state.internal[new] = self._body.start[new]
         state.serial[new] = state.next_serial + np.arange(len(new))
         state.next_serial += len(new)
         state.alive[new], state.age[new], state.cause[new], state.parent[new] = True, 0.0, 0, -1
+        state.fatal_need[new], state.killer[new] = -1, -1
         state.position[new], state.heading[new] = place, senses.wrap(heading)
         state.hold[new], state.bound_for[new] = 0.0, -1
         state.action[new] = self._tables[int(self._species_of[new[0]])].rest
@@ -485,16 +556,22 @@ class Ecology(ParallelEnv):
         until = (state.tick + 1) * self.dt
         places = resources.swing(table, state.resource_position, until)
         places = resources.drift(table, self.scenario.arena, places, self.dt, self._rng["motion"])
-        places, gone = resources.relocate(table, self.scenario.arena, places, emptied, self._rng["motion"])
+        places, gone = resources.relocate(table, places, emptied, self._rng["motion"])
         grown[gone] += table.stock[gone] - stock[gone]
         stock[gone] = table.stock[gone]
         if gone.any():  # who was on the way there does not know where it went
+            state.bound_for = state.bound_for.copy()  # a rule may have been shown it
             bound = np.flatnonzero(state.bound_for >= 0)
             state.bound_for[bound[gone[state.bound_for[bound]]]] = -1
         state.stock, state.grown, state.resource_position = stock, state.grown + grown, places
         if table.uncertain:
             units = resources.whole_units(until) - resources.whole_units(state.time)
             state.available = resources.appear(table, state.available, units, self._rng["availability"])
+
+    def _limit(self) -> None:
+        """Let stocks that were put or restored be eaten, also where the scenario has unlimited ones only."""
+        if self._resources.constant and np.isfinite(self._now().stock).any():
+            self._resources = replace(self._resources, constant=False, finite=True)
 
     def _checked(self, actions: np.ndarray) -> Ints:
         """Return the actions (N,), those of dead slots as 0, or raise EcologyError."""
@@ -590,6 +667,7 @@ class Ecology(ParallelEnv):
         closed: Bools | None = None,
         born: Bools | None = None,
         parent: Ints | None = None,
+        killer: Ints | None = None,
     ) -> Tick:
         """Return what the agents perceive."""
         state, none = self._now(), np.zeros(self.size, bool)
@@ -605,9 +683,22 @@ class Ecology(ParallelEnv):
             died=none if died is None else died,
             born=none if born is None else born,
             parent=self._nobody.copy() if parent is None else parent,
+            killer=self._nobody.copy() if killer is None or killer is self._nobody else killer,
             closed=none if closed is None else closed,
             action=state.action.copy(),
         )
+
+    def _show_fatal(self, tick: Tick, internal: Floats) -> None:
+        """Write the needs with which agents died, from x (N, V) after the tick, into their last observation.
+
+        The state keeps what a dead body stored before the tick, so that the account closes and death is no relief.
+        """
+        body = self._body
+        x = np.where(np.isfinite(internal), np.clip(internal, body.low, body.high), self._now().internal)
+        for group, species in zip(self.groups.values(), self.scenario.species, strict=True):
+            rows, width = np.flatnonzero(tick.died[group.slots]), len(species.needs)
+            at = group.slots.start + rows
+            tick.observations[group.name][rows, :width] = (x - body.set_point)[at, :width]
 
     def _now(self) -> State:
         if self._state is None:
@@ -624,30 +715,46 @@ class Ecology(ParallelEnv):
         looks = np.arange(self.size) == slot
         return pairs.other[senses.sight(self._eyes, pairs, state.position, state.heading, looks)]
 
-    def coupling(self, species: str) -> tuple[Floats, Ints] | None:
-        """Return who of `species` feels whom now and how much, (n, m), and the m slots of those who may be felt."""
+    def coupling(self, species: str, need: str | None = None) -> tuple[Floats, Ints] | None:
+        """Return the weights w_ij with which the n slots of `species` feel m slots now, (n, m), and those slots, (m,).
+
+        The slots of `species` itself are among the m, and w_ii is one's own weight. Sum form: the drive is
+        sum_j w_ij d_j. Average form: it is d(sum_j w_ij delta_j), need by need, and the weights are those of `need`,
+        or of the need that is felt most. Dead slots have no weights. None where the species has no empathy.
+        """
+        if species not in self.groups:
+            raise EcologyError(f"there is no species {species!r}. {nearest(str(species), self.groups)}")
+        needs = self._needs[species]
+        if need is not None and need not in needs:
+            raise EcologyError(f"species {species!r} has no need {need!r}. {nearest(str(need), needs)}")
         rows = self.groups[species].slots
-        found = [coupling for coupling in self._couplings if coupling.rows == rows]
-        return (self._weigh(found[0]), found[0].others) if found else None
+        for coupling in self._couplings:
+            if coupling.rows == rows:
+                column = None if need is None else needs.index(need)
+                return empathy.weights(coupling, self._weigh(coupling), self._now().alive, column)
+        return None
 
     # ---- putting a world where one wants it ----------------------------------------------
 
     def put(self, **fields: Any) -> Tick:
         """Overwrite fields of the state between ticks and return a Tick of what is perceived now.
 
-        `env.put(position=..., internal=...)`, each of the field's own shape, for probes and tests.
+        `env.put(position=..., internal=...)`, each of the field's own shape, for probes and tests. Slots that are no
+        longer `alive` have died of the rule; those that are again go on under their name, or get a new one where
+        nobody lived. Raises EcologyError, the state being unchanged, for what no world can come to: places outside
+        the arena, needs beyond their bounds (but lethal ones, of which the agent then dies), stocks below 0 or above
+        their capacity, unknown actions, slots or names.
         """
         state = self._now()
-        known = state.arrays()
-        for name, value in fields.items():
-            if name not in known:
-                raise EcologyError(f"the state has no array {name!r}. {nearest(name, known)}")
-            value = np.asarray(value, dtype=known[name].dtype)
-            require(
-                value.shape == known[name].shape,
-                f"state {name!r} has the shape {known[name].shape}, got {value.shape}.",
-            )
-            setattr(state, name, value.copy())
+        changed = changes.read(fields, state)
+        if "alive" in changed:
+            changes.rename(changed, state, self.scenario)
+        changes.check(changed, state, self.scenario, self._plane, self._body, self._resources, self._choices)
+        for name, value in changed.items():
+            setattr(state, name, value)
+        state.next_serial = max(state.next_serial, int(state.serial.max(initial=-1)) + 1)
+        self._named = None
+        self._limit()
         state.position = self._plane.home(state.position)
         if fields.keys() & {"position", "alive"}:  # the solver remembers contacts of another place
             self._physics = Physics(self.scenario.arena, self._radius, self._solid, state.position, state.alive)
@@ -698,7 +805,8 @@ class Ecology(ParallelEnv):
         fresh._physics.remember(arrays, self.dt)
         self._seed, self._rng, self._state = fresh._seed, fresh._rng, state
         self._ring, self._physics = fresh._ring, fresh._physics
-        self._enlist()
+        self._named = None
+        self._limit()
         self._feel()
         return self._look(np.zeros(self.size))
 
@@ -708,11 +816,25 @@ class Ecology(ParallelEnv):
         """Return the name of the agent in `slot`."""
         return f"{self.scenario.species[self._species_of[slot]].name}_{int(self._now().serial[slot])}"
 
-    def _enlist(self) -> None:
-        """Name the living, in the order of their slots."""
-        living = np.flatnonzero(self._now().alive).tolist()
-        self._slots = {self.name_of(slot): slot for slot in living}
-        self.agents = list(self._slots)
+    @property
+    def agents(self) -> list[str]:  # type: ignore[override]
+        """Return the names of the living, in the order of their slots; nobody's before a reset and at the horizon."""
+        return self._enlist()[0]
+
+    @property
+    def _slots(self) -> dict[str, int]:
+        """Return the slots of `agents`, by name."""
+        return self._enlist()[1]
+
+    def _enlist(self) -> tuple[list[str], dict[str, int]]:
+        """Return `agents` and their slots by name, found again only after a birth or a death."""
+        state = self._state
+        if state is None or (self.horizon is not None and state.tick >= self.horizon):
+            return [], {}
+        if self._named is None:
+            slots = {self.name_of(slot): slot for slot in np.flatnonzero(state.alive).tolist()}
+            self._named = list(slots), slots
+        return self._named
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
         """Return Dict(observation Box float32 (D,), action_mask Box int8 (A,)), one object for a whole species."""
@@ -747,9 +869,8 @@ class Ecology(ParallelEnv):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Start anew; without a seed, with the next one after the last."""
-        tick = self.reset_arrays(self._seed + 1 if seed is None and self._state is not None else seed)
-        self._enlist()
+        """Start anew; without a seed, from one that is drawn or derived from the last: see `reset_arrays`."""
+        tick = self.reset_arrays(seed)
         slots = np.array(list(self._slots.values()), np.int64)
         return self._observation_dict(tick, self.agents, slots), self._info_dict(tick, self.agents, slots)
 
@@ -758,27 +879,35 @@ class Ecology(ParallelEnv):
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Advance one tick; every living agent needs an action, an index into its action space.
 
-        Newborns are in all five dicts on the tick of their birth; the dead are in them for a last time.
+        Newborns are in all five dicts on the tick of their birth, except in the horizon's tick, in which they could
+        never act; the dead are in them for a last time. After the end, which is the horizon or the death of the last
+        agent where none can arrive, no tick passes and the dicts are empty.
         """
         state = self._now()
+        if self._is_over():
+            self._read(actions)
+            return {}, {}, {}, {}, {}
+        names = self.agents
         slots = np.array(list(self._slots.values()), np.int64)
         array = np.zeros(self.size, np.int64)
         array[slots] = self._read(actions)
         tick = self.step_arrays(array)
-        names = self.agents
-        if tick.born.any():
+        over = self.horizon is not None and state.tick >= self.horizon
+        if tick.born.any() and not over:
             slots = np.union1d(slots, np.flatnonzero(tick.born))
             names = [self.name_of(slot) for slot in slots.tolist()]
-        over = self.horizon is not None and state.tick >= self.horizon
         rewards = dict(zip(names, tick.reward[slots].tolist(), strict=True))
         terminations = dict(zip(names, (~tick.alive[slots]).tolist(), strict=True))
         truncations = dict.fromkeys(names, over)
-        if over:
-            self.agents, self._slots = [], {}
-        elif tick.born.any() or tick.died.any():
-            self._enlist()
         observations, infos = self._observation_dict(tick, names, slots), self._info_dict(tick, names, slots)
         return observations, rewards, terminations, truncations, infos
+
+    def _is_over(self) -> bool:
+        """Return whether nobody is left who acts, now or later."""
+        state = self._now()
+        reached = self.horizon is not None and state.tick >= self.horizon
+        empty = not state.alive.any() and not any(s.arrival for s in self.scenario.species)
+        return not self.agents and (reached or empty)
 
     def _read(self, actions: Any) -> np.ndarray:
         """Return the actions of `self.agents` (n,) from a dict, or raise EcologyError."""
@@ -813,11 +942,10 @@ class Ecology(ParallelEnv):
 
     def _info_dict(self, tick: Tick, names: list[str], slots: Ints) -> dict[str, dict[str, Any]]:
         found: dict[str, dict[str, Any]] = {}
-        for group, part, rows in self._parts(slots):
-            mask = tick.masks[group.name][rows].view(np.int8)
+        for _, part, _ in self._parts(slots):
             drive, closed = tick.drive[slots[part]].tolist(), tick.closed[slots[part]].tolist()
-            for name, open_, d, shut in zip(names[part], mask, drive, closed, strict=True):
-                found[name] = {"action_mask": open_, "drive": d, "closed": shut}
+            for name, d, shut in zip(names[part], drive, closed, strict=True):
+                found[name] = {"drive": d, "closed": shut}
         return found
 
     def _parts(self, slots: Ints) -> Iterator[tuple[Group, slice, Ints]]:
@@ -830,8 +958,19 @@ class Ecology(ParallelEnv):
         """Return a global view for centralised training, float32: position, heading, x and alive of every slot."""
         now = self._now()
         return np.concatenate(
-            [now.position.ravel(), now.heading, now.internal.ravel(), now.alive.astype(float)]
+            [now.position.ravel(), now.heading, now.internal[self._has_need], now.alive.astype(float)]
         ).astype(np.float32)
+
+    @functools.cached_property
+    def state_space(self) -> gymnasium.spaces.Box:
+        """Return the Box of `state()`; the x of a slot is 0 before its first agent."""
+        (left, bottom), (right, top) = self.scenario.arena.extent
+        body, own, ones = self._body, self._has_need, np.ones(self.size)
+        low = [np.tile([left, bottom], self.size), -np.pi * ones, np.minimum(body.low, 0.0)[own], 0 * ones]
+        high = [np.tile([right, top], self.size), np.pi * ones, np.maximum(body.high, 0.0)[own], ones]
+        return gymnasium.spaces.Box(
+            _float32_below(np.concatenate(low)), -_float32_below(-np.concatenate(high)), dtype=np.float32
+        )
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the world, uint8 (height, width, 3), for render_mode "rgb_array"."""
@@ -847,12 +986,28 @@ class Ecology(ParallelEnv):
         """Nothing to release."""
 
 
+def _next_seed(last: int | None) -> int:
+    """Return a seed of 53 bits: drawn from the operating system, or derived from the last one.
+
+    It is not the last one plus 1: the series of neighbouring seeds would share their episodes.
+    """
+    source = np.random.SeedSequence() if last is None else np.random.SeedSequence([last, 1])
+    return int(source.generate_state(1, np.uint64)[0] >> np.uint64(11))
+
+
 def _float32_below(values: Floats) -> np.ndarray:
     """Return float32 bounds that contain what float64 values round to."""
     rounded = values.astype(np.float32)
     return np.where(np.isfinite(rounded), np.nextafter(rounded, np.float32(-np.inf)), rounded).astype(np.float32)
 
 
-def parallel_env(scenario: Scenario, **options: Any) -> Ecology:
+class EnvOptions(TypedDict, total=False):
+    """Options of `parallel_env`: those of `Ecology`."""
+
+    horizon: int | None
+    render_mode: str | None
+
+
+def parallel_env(scenario: Scenario, **options: Unpack[EnvOptions]) -> Ecology:
     """Return the world of `scenario` as a PettingZoo ParallelEnv."""
     return Ecology(scenario, **options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -25,6 +26,20 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"Known: {', '.join(words) if words else '(none)'}."
 
 
+def is_from_system(error: BaseException) -> bool:
+    """Return whether the operating system refused something: no room, no permission, a broken disk.
+
+    A file that is there but is not what it should be is no such thing: libraries raise OSError without a number then.
+    """
+    return isinstance(error, OSError) and error.errno is not None
+
+
+def describe_refusal(error: OSError) -> str:
+    """Return what the operating system refused and why, as "'FILE': No space left on device"."""
+    reason = os.strerror(error.errno) if error.errno is not None else str(error)
+    return reason if error.filename is None else f"{str(error.filename)!r}: {reason}"
+
+
 @contextlib.contextmanager
 def writable(folder: Path) -> Iterator[None]:
     """Turn a failure to write into an EcologyError that names the folder."""
@@ -32,8 +47,27 @@ def writable(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise EcologyError(
-            f"the folder {str(folder)!r} cannot be written ({error.strerror or error}). Make room, allow writing "
+            f"the folder {str(folder)!r} cannot be written ({describe_refusal(error)}). Make room, allow writing "
             "there, or give another."
+        ) from error
+
+
+@contextlib.contextmanager
+def readable(what: str, path: Path) -> Iterator[None]:
+    """Turn a refusal of the operating system to read `what` at `path` into an EcologyError with its cause.
+
+    That something is missing is left to the caller.
+    """
+    try:
+        yield
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        if not is_from_system(error):
+            raise
+        raise EcologyError(
+            f"{what} {str(path)!r} cannot be read ({describe_refusal(error)}); it may be whole. Allow reading it, "
+            "then run the same command again."
         ) from error
 
 

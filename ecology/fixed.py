@@ -20,8 +20,8 @@ class FixedSlots(ParallelEnv):
 
     An empty slot observes zeros, may only rest and is rewarded 0. A death closes a slot and gives its
     last reward; a newborn starts a new life in a slot, with reward 0 on that tick. Nobody terminates;
-    at the world's horizon all are truncated. `infos[name]` holds Ecology's `action_mask`, `drive` and
-    `closed`, and `alive`, `born` (in this tick) and `agent`, the name of who lives there or None.
+    at the world's horizon all are truncated. `infos[name]` holds Ecology's `drive` and `closed`, and
+    `alive`, `born` (in this tick) and `agent`, the name of who lives there or None.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**Ecology.metadata, "name": "ecology_fixed_slots"}
@@ -48,7 +48,6 @@ class FixedSlots(ParallelEnv):
         self._rest = np.array([g.kinds.index("rest") for g in self._group_of.values()], np.int64)  # (N,)
         self._actions = np.array([len(g.actions) for g in self._group_of.values()], np.int64)  # (N,)
         self._ticks = 0
-        self._seed = -1
 
     def observation_space(self, agent: str) -> spaces.Space:
         """Return Dict(observation Box float32 (D,), action_mask Box int8 (A,)), or Box (D + A,) if `flatten`."""
@@ -61,10 +60,8 @@ class FixedSlots(ParallelEnv):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Start anew; without a seed, with the next one after the last, from 0 on."""
-        seed = self._seed + 1 if seed is None else seed
+        """Start anew; without a seed, from one that the world draws or derives from the last."""
         tick = self.env.reset_arrays(seed)
-        self._seed = int(seed)
         self._ticks = 0
         self.agents = list(self.possible_agents)
         return self._told(tick)
@@ -88,6 +85,16 @@ class FixedSlots(ParallelEnv):
             dict.fromkeys(self.possible_agents, over),
             infos,
         )
+
+    @property
+    def seed(self) -> int | None:
+        """Return the seed that the world was last reset with; None before the first reset."""
+        return self.env.seed
+
+    @property
+    def state_space(self) -> spaces.Box:
+        """Return the Box of `state()`."""
+        return self.env.state_space
 
     def state(self) -> np.ndarray:
         """Return the world's global view, float32."""
@@ -141,14 +148,12 @@ class FixedSlots(ParallelEnv):
     def _told(self, tick: Tick) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Return the observations and infos of all slots."""
         observations: list[Any] = []
-        masks: list[np.ndarray] = []
         for group in self.env.groups.values():
             d, a = self._width(group)
             lives = tick.alive[group.slots][:, None]
             only_rest = np.array([kind == "rest" for kind in group.kinds])
             zeta = _padded(np.where(lives, tick.observations[group.name], np.float32(0.0)), d)
             mask = _padded(np.where(lives, tick.masks[group.name], only_rest).astype(np.int8), a)
-            masks += list(mask)
             if self.flatten:
                 observations += list(np.concatenate([zeta, mask], axis=1, dtype=np.float32))
             else:
@@ -157,7 +162,6 @@ class FixedSlots(ParallelEnv):
         for slot, name in enumerate(self.possible_agents):
             alive = bool(tick.alive[slot])
             infos[name] = {
-                "action_mask": masks[slot],
                 "drive": float(tick.drive[slot]) if alive else 0.0,
                 "closed": bool(tick.closed[slot]),
                 "alive": alive,

@@ -1,6 +1,6 @@
 """Loops over bodies, pairs and patches, compiled by Numba: what arrays alone would do many times over.
 
-Compiled once per machine and kept beside this file (or in Numba's own cache where that cannot be written).
+Compiled once per machine and kept beside this file (or where `compiler_cache` says if that cannot be written).
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ import math
 import numba
 import numpy as np
 
+from ecology.compiler_cache import use_cache
 from ecology.state import Bools, Floats, Ints
+
+use_cache(__file__)
 
 
 @numba.njit(cache=True)
@@ -639,25 +642,112 @@ def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float
         command[i, 4], command[i, 5] = velocity[i, 0] / h, velocity[i, 1] / h
 
 
+# how often a way that a wall holds is bent, and how far from the wall it then ends at least, in radii
+BENDS, ASIDE = 4, 0.5
+
+
 @numba.njit(cache=True)
-def glide(moved: Floats, n: int, h: float) -> Floats:
-    """Return where n bodies of rows (>= n, 4), position and velocity, are after h, (n, 2)."""
-    found = np.empty((n, 2))
-    for i in range(n):
-        found[i, 0], found[i, 1] = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
+def _exit(corners: Floats, ax: float, ay: float, bx: float, by: float) -> int:
+    """Return the first wall by which the way from a to b leaves the polygon (W, 2), -1 none; wall w ends at corner w.
+
+    The corners go round to the left. The side of a line that a point lies on is computed by one formula, for both
+    walls of a corner and for both ways that meet in a point, so no way slips through between two walls. A way that
+    touches a corner or ends on a wall leaves.
+    """
+    found, first = -1, np.inf
+    low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
+    dx, dy = bx - ax, by - ay
+    x2, y2 = corners[-1, 0], corners[-1, 1]  # the corner before
+    for w in range(len(corners)):
+        x1, y1 = x2, y2
+        x2, y2 = corners[w, 0], corners[w, 1]
+        if max(x1, x2) < low_x or min(x1, x2) > high_x or max(y1, y2) < low_y or min(y1, y2) > high_y:
+            continue
+        before = (x2 - x1) * (ay - y2) - (y2 - y1) * (ax - x2)
+        after = (x2 - x1) * (by - y2) - (y2 - y1) * (bx - x2)
+        if not before > 0 or after > 0:
+            continue
+        one, other = dx * (y1 - ay) - dy * (x1 - ax), dx * (y2 - ay) - dy * (x2 - ax)
+        if (one > 0 and other > 0) or (one < 0 and other < 0):
+            continue
+        share = before / (before - after)
+        if share < first:
+            found, first = w, share
     return found
 
 
 @numba.njit(cache=True)
-def keep_inside(vertices: Floats, after: Floats, before: Floats) -> int:
-    """Put points `after` (n, 2) that are not strictly inside the polygon (W, 2) back to `before`; return how many."""
-    inside = inside_polygon(vertices, after)
-    count = 0
-    for i in range(len(after)):
-        if not inside[i]:
-            after[i, 0], after[i, 1] = before[i, 0], before[i, 1]
-            count += 1
-    return count
+def stays(corners: Floats, start: Floats, end: Floats) -> Bools:
+    """Return which straight ways from start to end (n, 2) stay in the polygon (W, 2), corners to the left, (n,)."""
+    found = np.empty(len(start), np.bool_)
+    for i in range(len(start)):
+        found[i] = _exit(corners, start[i, 0], start[i, 1], end[i, 0], end[i, 1]) < 0
+    return found
+
+
+@numba.njit(cache=True)
+def glide(
+    moved: Floats,
+    n: int,
+    h: float,
+    corners: Floats,
+    radius: Floats,
+    start: Floats,
+    before: Floats,
+    seen: Floats,
+    bends: bool,
+    last: bool,
+) -> tuple[Floats, int]:
+    """Return where n bodies of rows (>= n, 4), position and velocity, are after a substep of h, and how many are held.
+
+    With `corners` (W, 2), a way from `before` (n, 2) that leaves the polygon `bends` along the wall, or is not gone.
+    After the `last` substep, neither does the straight way from `start` (n, 2), where the tick began: a body then ends
+    where it was last `seen` (n, 2) from there, which is written. Held are those whose way was changed.
+    """
+    found, held, several = np.empty((n, 2)), 0, not (bends and last)
+    boxes = np.empty((4, len(corners)))  # of the walls
+    for w in range(len(corners)):
+        for k in range(2):
+            boxes[k, w] = min(corners[w, k], corners[w - 1, k])
+            boxes[2 + k, w] = max(corners[w, k], corners[w - 1, k])
+    for i in range(n):
+        ax, ay, sx, sy = before[i, 0], before[i, 1], start[i, 0], start[i, 1]
+        bx, by = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
+        found[i, 0], found[i, 1] = bx, by
+        low_x, high_x, low_y, high_y = min(ax, bx, sx), max(ax, bx, sx), min(ay, by, sy), max(ay, by, sy)
+        near = 0
+        for w in range(len(corners)):  # no branches: most bodies are near no wall
+            near += (boxes[0, w] <= high_x) & (boxes[1, w] <= high_y) & (boxes[2, w] >= low_x) & (boxes[3, w] >= low_y)
+        if near == 0 or (bx == sx and by == sy):
+            if several:
+                seen[i, 0], seen[i, 1] = bx, by
+            continue
+        changed = False
+        wall = _exit(corners, ax, ay, bx, by) if bends else -1
+        for _ in range(BENDS):
+            if wall < 0:
+                break
+            changed = True
+            x, y = corners[wall, 0], corners[wall, 1]
+            along_x, along_y = x - corners[wall - 1, 0], y - corners[wall - 1, 1]
+            length = math.hypot(along_x, along_y)
+            inward_x, inward_y = -along_y / length, along_x / length
+            was = (ax - x) * inward_x + (ay - y) * inward_y  # how far from the wall
+            would = (bx - x) * inward_x + (by - y) * inward_y
+            back = min(max(was, ASIDE * radius[i]), radius[i]) - would
+            bx, by = bx + back * inward_x, by + back * inward_y
+            wall = _exit(corners, ax, ay, bx, by)
+        if wall >= 0:
+            bx, by = ax, ay
+        if several or ax != sx or ay != sy:  # else it has just been looked at
+            if _exit(corners, sx, sy, bx, by) < 0:
+                seen[i, 0], seen[i, 1] = bx, by
+            elif last:
+                changed = True
+                bx, by = seen[i, 0], seen[i, 1]
+        found[i, 0], found[i, 1] = bx, by
+        held += changed
+    return found, held
 
 
 @numba.njit(cache=True)

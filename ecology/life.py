@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from ecology.kernels import inside_polygon
+from ecology.kernels import inside_polygon, stays
 from ecology.plane import plane_of
 from ecology.spec import Arena, Birth, Hazard, Species, require
 from ecology.state import Bools, Floats, Ints
@@ -38,20 +40,25 @@ def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -
 
     margin = margin if arena.walls else 0.0
     room = shapely.Polygon(arena.vertices).buffer(-margin, join_style="mitre")
-    parts = [np.array(p.exterior.coords)[:-1] for p in getattr(room, "geoms", [room])]
-    low = np.min([p.min(axis=0) for p in parts], axis=0)
-    high = np.max([p.max(axis=0) for p in parts], axis=0)
+    return scatter_in(room, count, rng, f"{margin!r} away from every wall")
+
+
+def scatter_in(room: Any, count: int, rng: np.random.Generator, where: str) -> Floats:
+    """Return points (count, 2), uniform over the polygons of the shapely geometry `room`; `where` says what it is."""
+    polygons = [part for part in getattr(room, "geoms", [room]) if part.geom_type == "Polygon"]
+    rings = [np.array(ring.coords)[:-1] for part in polygons for ring in (part.exterior, *part.interiors)]
+    low = np.min([ring.min(axis=0) for ring in rings], axis=0)
+    high = np.max([ring.max(axis=0) for ring in rings], axis=0)
     found: list[Floats] = []
     have = 0
     fruitless = 0  # rounds in a row
     while have < count:
         require(
             fruitless < ROUNDS,
-            f"{count} places, {margin!r} away from every wall, are not found at random in an arena this thin; "
-            "widen it, or give positions.",
+            f"{count} places, {where}, are not found at random in an arena this thin; widen it, or give positions.",
         )
         points = rng.uniform(low, high, (2 * (count - have) + 16, 2))
-        kept = points[np.any([inside_polygon(p, points) for p in parts], axis=0)]
+        kept = points[np.logical_xor.reduce([inside_polygon(ring, points) for ring in rings])]
         found.append(kept)
         have += len(kept)
         fruitless = 0 if len(kept) else fruitless + 1
@@ -77,9 +84,10 @@ def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Gene
 
 
 def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np.random.Generator) -> Floats:
-    """Return places (k, 2) beside parents at `position` (k, 2), two radii away: in the arena, clear of its walls.
+    """Return places (k, 2) beside parents at `position` (k, 2), two radii away: clear of the walls, none between.
 
-    Directions are tried at random; where no one has room, the newborn starts where its parent is.
+    `walls` (W, 2) are the corners of the arena, which lies on the left of every wall. Directions are tried at random;
+    where no one has room, the newborn starts where its parent is.
     """
     angle = rng.uniform(-np.pi, np.pi, len(position))[:, None] + 2 * np.pi / AROUND * np.arange(AROUND)
     way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # (k, AROUND, 2)
@@ -88,7 +96,8 @@ def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np
     if plane.torus:
         return plane.home(places[:, 0])
     tried = places.reshape(-1, 2)
-    free = np.logical_and(inside_polygon(walls, tried), _room(walls, tried) >= radius).reshape(angle.shape)
+    near = stays(walls, np.repeat(position, AROUND, axis=0), tried)
+    free = np.logical_and(near, inside_polygon(walls, tried) & (_room(walls, tried) >= radius)).reshape(angle.shape)
     chosen = places[np.arange(len(places)), free.argmax(axis=1)]
     return np.where(np.logical_or.reduce(free, axis=1)[:, None], chosen, position)
 

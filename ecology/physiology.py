@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ecology.spec import Species
-from ecology.state import Bools, Floats
+from ecology.state import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -135,5 +135,15 @@ def clamp(body: Body, internal: Floats) -> Floats:
 
 def fatal(body: Body, internal: Floats) -> Bools:
     """Return who has a lethal need beyond its bounds, (n,); ask before `clamp`."""
-    beyond = (internal < body.low) | (internal > body.high)
-    return np.logical_or.reduce(beyond & body.lethal, axis=1)
+    return np.logical_or.reduce(_beyond(body, internal), axis=1)
+
+
+def first_fatal(body: Body, internal: Floats) -> Ints:
+    """Return the column of the first lethal need beyond its bounds, (n,); 0 where none is."""
+    found: Ints = _beyond(body, internal).argmax(axis=1)
+    return found
+
+
+def _beyond(body: Body, internal: Floats) -> Bools:
+    """Return which lethal needs are beyond their bounds, (n, V)."""
+    return ((internal < body.low) | (internal > body.high)) & body.lethal

@@ -40,3 +40,10 @@ def plane_of(arena: Arena) -> Plane:
     """Return the plane of `arena`."""
     low, high = np.array(arena.extent, dtype=float)
     return Plane(low, high - low, not arena.walls)
+
+
+def corners_of(arena: Arena) -> Floats:
+    """Return the corners of `arena` (W, 2), in the order that has the arena on the left of every wall."""
+    corners = np.array(arena.vertices, dtype=float)
+    x, y = (corners - corners[0]).T
+    return corners if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0 else corners[::-1].copy()

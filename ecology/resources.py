@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ecology import kernels
-from ecology.life import scatter
+from ecology.life import scatter_in
 from ecology.plane import plane_of
-from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource
+from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource, Species
 from ecology.state import Bools, Floats, Ints
 
 CRUMB = 1e-9  # share of a stock; who asks for all but a crumb gets the crumb too, so that it is empty
@@ -41,6 +42,7 @@ class ResourceTable:
     far: Floats  # (S, 2) their other end
     swing: Floats  # (S,) periods per unit of time
     swing_phase: Floats  # (S,) periods
+    rooms: tuple[Any, ...]  # R, shapely geometries in which patches are scattered; None where they are not
     drifts: Ints  # (D,) resources that drift
     spread: Floats  # (D,) length per square root of a unit of time
     relocates: Bools  # (R,)
@@ -50,8 +52,10 @@ class ResourceTable:
     constant: bool  # whether all are unlimited, always available and stay where they are
 
 
-def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
-    """Return the constants of the patches of `resources`, in their order."""
+def compile_resources(resources: Sequence[Resource], arena: Arena, everyone: Sequence[Species] = ()) -> ResourceTable:
+    """Return the constants of the patches of `resources` of `arena`, in their order, which `everyone` may consume."""
+    scattered = [r.position is None or isinstance(r.motion, Relocation) for r in resources]
+    rooms = [room_of(r, arena, everyone) if any_ else None for r, any_ in zip(resources, scattered, strict=True)]
     kind = np.repeat(np.arange(len(resources)), [r.count for r in resources])
     resources = [r for r in resources for _ in range(r.count)]
 
@@ -84,6 +88,7 @@ def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
         far=np.array([m.to for _, m in swings], float).reshape(-1, 2),
         swing=np.array([1 / m.period for _, m in swings], float),
         swing_phase=np.array([m.phase / (2 * np.pi) for _, m in swings], float),
+        rooms=tuple(rooms[k] for k in kind),
         drifts=np.array([i for i, _ in drifts], np.int64),
         spread=np.array([m.spread for _, m in drifts], float),
         relocates=np.array([isinstance(r.motion, Relocation) for r in resources], bool),
@@ -92,6 +97,47 @@ def compile_resources(resources: Sequence[Resource]) -> ResourceTable:
         uncertain=uncertain,
         constant=not (finite or uncertain or swings or drifts),
     )
+
+
+# ---- places that bodies can reach ------------------------------------------------------------
+
+
+def consumers(resource: Resource, everyone: Sequence[Species]) -> list[Species]:
+    """Return the species that consume `resource`, those with the smallest bodies first."""
+    found = [s for s in everyone if any(a.kind == "consume" and a.resource == resource.name for a in s.actions)]
+    return sorted(found, key=lambda species: species.radius)
+
+
+def too_far(resource: Resource, arena: Arena, species: Species) -> bool:
+    """Return whether no body of `species` comes into the circle of `resource` at its position, wherever that swings.
+
+    The centre of a body stays a radius away from every wall, and has to come into the circle.
+    """
+    import shapely  # slow to load, needed once per world
+
+    if not arena.walls or resource.position is None:
+        return False
+    place, motion = resource.position, resource.motion
+    way = shapely.LineString([place, motion.to]) if isinstance(motion, Oscillation) else shapely.Point(place)
+    free = shapely.Polygon(arena.vertices).buffer(-species.radius)
+    return bool(free.distance(way) > resource.radius)
+
+
+def room_of(resource: Resource, arena: Arena, everyone: Sequence[Species]) -> Any:
+    """Return where the circle of `resource` may be put at random, a shapely geometry.
+
+    The circle lies within the walls, and a body of one of the species of `everyone` that consume it can come into it.
+    """
+    import shapely  # slow to load, needed once per world
+
+    polygon = shapely.Polygon(arena.vertices)
+    if not arena.walls:
+        return polygon
+    room = polygon.buffer(-resource.radius, join_style="mitre")
+    smallest = min((s.radius for s in consumers(resource, everyone)), default=0.0)
+    if smallest > resource.radius:  # a smaller one comes wherever the circle fits
+        room = room.intersection(polygon.buffer(-smallest).buffer(resource.radius))
+    return room
 
 
 # ---- eating --------------------------------------------------------------------------------
@@ -167,11 +213,11 @@ def whole_units(time: float) -> int:
 # ---- moving --------------------------------------------------------------------------------
 
 
-def first_places(table: ResourceTable, arena: Arena, rng: np.random.Generator) -> Floats:
-    """Return where the resources are at the start, (R, 2): scattered ones anywhere their circle fits."""
+def first_places(table: ResourceTable, rng: np.random.Generator) -> Floats:
+    """Return where the resources are at the start, (R, 2): scattered ones anywhere in their room."""
     places = table.position.copy()
     for i in np.flatnonzero(np.isnan(places[:, 0])):
-        places[i] = scatter(arena, table.radius[i], 1, rng)[0]
+        places[i] = _anywhere(table, i, rng)
     return swing(table, places, 0.0)
 
 
@@ -222,16 +268,20 @@ def reflect(vertices: Floats, start: Floats, step: Floats) -> Floats:
         normal = np.array([-wall[hit, 1], wall[hit, 0]]) / np.hypot(*wall[hit])
         here, last = here + t[hit] * along, hit
         there = there - 2.0 * ((there - here) @ normal) * normal
+    else:
+        return start
     return there if kernels.inside_polygon(vertices, there[None])[0] else start
 
 
-def relocate(
-    table: ResourceTable, arena: Arena, places: Floats, emptied: Bools, rng: np.random.Generator
-) -> tuple[Floats, Bools]:
+def _anywhere(table: ResourceTable, patch: int, rng: np.random.Generator) -> Floats:
+    return scatter_in(table.rooms[patch], 1, rng, f"circles of radius {float(table.radius[patch])!r}")[0]
+
+
+def relocate(table: ResourceTable, places: Floats, emptied: Bools, rng: np.random.Generator) -> tuple[Floats, Bools]:
     """Return the places (R, 2) after relocation and which have relocated (R,), of the `emptied` (R,)."""
     gone = emptied & table.relocates
     if gone.any():
         places = places.copy()
         for i in np.flatnonzero(gone):
-            places[i] = scatter(arena, table.radius[i], 1, rng)[0]
+            places[i] = _anywhere(table, i, rng)
     return places, gone

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ecology import typed
 from ecology.errors import EcologyError, nearest
 from ecology.meetings import Rule
+from ecology.resources import consumers, too_far
 from ecology.senses import SENSES, layout
-from ecology.spec import Action, Arena, Oscillation, Relocation, Resource, Species, require
+from ecology.spec import Action, Arena, Drift, Oscillation, Relocation, Resource, Species, require
 from ecology.state import State
 
 SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
@@ -63,6 +66,25 @@ class Scenario:
         for species in self.species:
             self._check_species(species)
 
+    def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[type[Scenario], bytes]]:
+        """Pickle the functions of a scenario file by value: no other process has loaded that file.
+
+        Raises EcologyError where `rule` or `measures` hold something that cannot be pickled.
+        """
+        import cloudpickle  # needed by those who pickle only
+
+        try:
+            return _unpickled, (type(self), cloudpickle.dumps(self.__dict__))
+        except Exception as error:  # of the many things that a function can hold, each fails in its own way
+            raise EcologyError(
+                f"scenario {self.name!r} cannot be pickled: its rule or measures use something that stays in its "
+                f"process ({error}). Use values and functions in them only, or build the scenario in the other process."
+            ) from error
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Scenario:
+        """Return a copy that shares the functions."""
+        return _restored(type(self), copy.deepcopy(self.__dict__, memo))
+
     def measured(self, state: State) -> list[float]:
         """Return the measures of `state`, in their order; EcologyError where one is no number."""
         found = []
@@ -108,6 +130,17 @@ class Scenario:
                     room.covers(shapely.Point(species.position)),
                     f"species {species.name!r}: its position {species.position!r} lies outside the arena "
                     f"or nearer than its radius {species.radius!r} to a wall.",
+                )
+        for resource in self.resources:
+            if isinstance(resource.motion, Drift):  # sooner or later it comes into reach
+                continue
+            for species in consumers(resource, self.species)[:1]:  # the one with the smallest body
+                require(
+                    not too_far(resource, self.arena, species),
+                    f"resource {resource.name!r}: at {resource.position!r}, with the radius {resource.radius!r}, it is "
+                    "too near to a wall for every species that consumes it; the smallest body, of "
+                    f"{species.name!r}, has the radius {species.radius!r}. Move the resource away from the wall, widen "
+                    "its circle or make the body smaller.",
                 )
 
     def _check_species(self, species: Species) -> None:
@@ -235,3 +268,16 @@ class Scenario:
     @staticmethod
     def _feeds(species: Species, action: Action) -> bool:
         return any(action.control.get(need.name, 0.0) > 0 and need.low < need.set_point for need in species.needs)
+
+
+def _restored(cls: type[Scenario], values: dict[str, Any]) -> Scenario:
+    """Return the scenario of these values, which have been checked before."""
+    scenario = object.__new__(cls)
+    scenario.__dict__.update(values)
+    return scenario
+
+
+def _unpickled(cls: type[Scenario], pickled: bytes) -> Scenario:
+    import cloudpickle
+
+    return _restored(cls, cloudpickle.loads(pickled))

@@ -12,7 +12,7 @@ from ecology.empathy import own_weights
 from ecology.kernels import around, clear_lines, in_view, nearest_seen, write_others, write_patches
 from ecology.neighbours import Pairs
 from ecology.physiology import Body
-from ecology.plane import Plane, plane_of
+from ecology.plane import Plane, corners_of, plane_of
 from ecology.resources import ResourceTable
 from ecology.spec import Arena, Neighbours, Resource, Species
 from ecology.state import Bools, Floats, Ints, State
@@ -250,16 +250,15 @@ class Eyes:
 
 def compile_eyes(species: tuple[Species, ...], arena: Arena, resources: tuple[Resource, ...]) -> Eyes:
     """Return the constants of sight for the slots of `species`, in their order."""
-    import shapely  # slow to load, needed once per world
-
     counts = [s.slots for s in species]
-    polygon = shapely.Polygon(arena.vertices)
+    x, y = (np.roll(corners_of(arena), -1, axis=0) - corners_of(arena)).T
+    convex = bool((x * np.roll(y, -1) >= y * np.roll(x, -1)).all())  # no corner turns to the right
     vertices = np.array(arena.vertices, dtype=float)
     return Eyes(
         half_angle=np.repeat([s.view_angle / 2 for s in species], counts),
         range=np.repeat([s.view_range for s in species], counts),
         sees=np.repeat([bool(s.sees) or any(a.kind == "go_to" for a in s.actions) for s in species], counts),
-        open=not arena.walls or bool(polygon.convex_hull.area - polygon.area <= 1e-12 * polygon.area),
+        open=convex or not arena.walls,
         wall_from=vertices,
         wall_along=np.roll(vertices, -1, axis=0) - vertices,
         reach=np.array([r.radius for r in resources for _ in range(r.count)], float),

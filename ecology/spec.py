@@ -137,7 +137,8 @@ class Need:
 class Action:
     """One action as data: its control u, its motion, and when it is open.
 
-    Write actions with `rest`, `move`, `turn`, `sleep`, `consume`, `go_to`, `bite`, `give` and `act`.
+    Write actions with `rest`, `move`, `turn`, `sleep`, `consume`, `go_to`, `bite`, `give` and `act`, each of which
+    takes a `name`; without one, the action is called after what it does and to whom ("bite_prey").
     """
 
     name: str
@@ -212,14 +213,14 @@ def sleep(name: str = "sleep", *, duration: float, **rest_of: object) -> Action:
     return Action(name=name, kind="sleep", duration=duration, **rest_of)  # type: ignore[arg-type]
 
 
-def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Action:
+def consume(resource: str, intake: Mapping[str, float], *, name: str | None = None, **rest_of: object) -> Action:
     """Return the consumption of `resource`, open within its circle while there is some; `intake` is u per need.
 
     What it adds to needs is taken out of the stock; a need that cannot lie below its set point (a
     fatigue) is not fed but tired, and takes nothing. Where a stock is short, all of u is scaled down.
     """
     return Action(
-        name=f"consume_{resource}",
+        name=f"consume_{resource}" if name is None else name,
         kind="consume",
         resource=resource,
         control=intake,
@@ -227,10 +228,10 @@ def consume(resource: str, intake: Mapping[str, float], **rest_of: object) -> Ac
     )
 
 
-def go_to(resource: str, speed: float, **rest_of: object) -> Action:
+def go_to(resource: str, speed: float, *, name: str | None = None, **rest_of: object) -> Action:
     """Return the walk to `resource`, open while it is seen and there is some, until one stands in a patch of it."""
     return Action(
-        name=f"go_to_{resource}",
+        name=f"go_to_{resource}" if name is None else name,
         kind="go_to",
         resource=resource,
         speed=speed,
@@ -238,23 +239,31 @@ def go_to(resource: str, speed: float, **rest_of: object) -> Action:
     )
 
 
-def bite(species: str, *, reach: float, **rest_of: object) -> Action:
+def bite(species: str, *, reach: float, name: str | None = None, **rest_of: object) -> Action:
     """Return the attack on the nearest of `species` within `reach`, open while there is one in sight.
 
     It succeeds with `chance` per unit of time, kills or does `damage`, adds `gain`, and is followed by
     the handling time `duration`, in which no other action is open. Of several that succeed on one
     victim in a tick, one drawn at random gets it.
     """
-    return Action(name=f"bite_{species}", kind="bite", species=species, reach=reach, **rest_of)  # type: ignore[arg-type]
+    return Action(
+        name=f"bite_{species}" if name is None else name,
+        kind="bite",
+        species=species,
+        reach=reach,
+        **rest_of,  # type: ignore[arg-type]
+    )
 
 
-def give(species: str, gives: Mapping[str, float], *, reach: float, **rest_of: object) -> Action:
+def give(
+    species: str, gives: Mapping[str, float], *, reach: float, name: str | None = None, **rest_of: object
+) -> Action:
     """Return the gift to the nearest of `species` within `reach`: `gives` units per unit of time and need.
 
     What is given leaves the giver, as far as it lies above its lower bound; `efficiency` of it arrives.
     """
     return Action(
-        name=f"give_{species}",
+        name=f"give_{species}" if name is None else name,
         kind="give",
         species=species,
         gives=gives,
@@ -433,6 +442,11 @@ class Arena:
                 max(map(abs, vertex)) <= FARTHEST,
                 f"arena: a vertex lies within {FARTHEST:g} of the origin in x and y, beyond which places are no longer "
                 f"told apart well; got {vertex!r}.",
+            )
+        for i, (one, other) in enumerate(zip(self.vertices, self.vertices[1:], strict=False)):
+            require(
+                tuple(one) != tuple(other),
+                f"arena: the vertex {one!r} at {i} is repeated at {i + 1}; list every vertex once.",
             )
         import shapely  # slow to load, needed once per arena
 

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ecology.errors import EcologyError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-CAUSES = ("alive", "need", "eaten", "hazard", "rule")  # of death: a lethal need, a bite, by chance, the scenario's rule
+# of death: a lethal need, a bite that kills, by chance, the scenario's rule, a bite that takes a lethal need too low
+CAUSES = ("alive", "need", "eaten", "hazard", "rule", "bitten")
 
 
 @dataclass
@@ -30,6 +34,8 @@ class State:
     serial: Ints  # (N,) name of the agent in the slot, -1 before the first; never returns
     parent: Ints  # (N,) serial of the parent, -1 without
     cause: Ints  # (N,) what it died of, an index into CAUSES; 0 while it lives
+    fatal_need: Ints  # (N,) column of the lethal need it died of, the first in its species' order; -1 without
+    killer: Ints  # (N,) serial of the agent that bit it to death, -1 without
     age: Floats  # (N,) time since birth
     position: Floats  # (N, 2)
     heading: Floats  # (N,) radians in [-pi, pi)
@@ -64,14 +70,30 @@ class State:
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def readonly(self) -> State:
-        """Return a view of this state whose arrays refuse to be written."""
-        view = copy.copy(self)
-        for name, value in self.arrays().items():
-            locked = value.view()
-            locked.flags.writeable = False
-            setattr(view, name, locked)
+        """Return a view of this state that refuses to be written, its arrays and its fields."""
+        view = object.__new__(_ReadOnly)
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                value = value.view()
+                value.flags.writeable = False
+            vars(view)[name] = value
         return view
 
     def copy(self) -> State:
-        """Return a deep copy."""
-        return copy.deepcopy(self)
+        """Return a deep copy, which may be written."""
+        found = object.__new__(State)
+        vars(found).update(copy.deepcopy(vars(self)))
+        return found
+
+
+class _ReadOnly(State):
+    """A state that was handed out: no field of it can be set; what `dataclasses.replace` makes of it is a State."""
+
+    def __new__(cls, **values: Any) -> State:  # type: ignore[misc]
+        return State(**values) if values else object.__new__(cls)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise EcologyError(
+            f"the state is read-only, {name!r} cannot be set; use `env.put({name}=...)` between ticks, and the outcome "
+            "of a rule within one."
+        )

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import functools
+import operator
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from numbers import Real
 from types import NoneType, UnionType
 from typing import Any, Literal, Union
+
+import numpy as np
 
 from ecology.errors import EcologyError
 
@@ -26,16 +29,35 @@ PLAIN = {
 def check(word: Any) -> None:
     """Raise EcologyError where a field of the dataclass `word` is not of its annotated type.
 
-    A list does for a tuple. How long a pair is, and how large a number, the word checks itself.
+    A list does for a tuple, and a NumPy scalar for a number, which the field then holds as Python's own. How long a
+    pair is, and how large a number, the word checks itself.
     """
     cls: Any = type(word)
     owner = f"{cls.__name__.lower()} {word.name!r}" if hasattr(word, "name") else cls.__name__
     hints = _hints(cls)
     for field in fields(word):
-        kind, value = hints[field.name], getattr(word, field.name)
+        kind, given = hints[field.name], getattr(word, field.name)
+        value = plain(given)
+        if value is not given:
+            object.__setattr__(word, field.name, value)  # the words are frozen
         for where, wanted, found in _wrong(field.name, kind, value):
             write = _to_write(field.name, kind, value)
             raise EcologyError(f"{owner}: {where} must be {_said(wanted)}{write}, got {_shown(found)}.")
+
+
+def plain(value: Any) -> Any:
+    """Return `value` with the NumPy scalars in it, at any depth of tuples, lists and mappings, as Python's numbers."""
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        return value.item()
+    if type(value) in (tuple, list):
+        if set(map(type, value)) <= {float, int, str}:
+            return value  # soon told: the matrix of a thousand slots has a million of them
+        parts = [plain(part) for part in value]
+        return value if all(map(operator.is_, parts, value)) else type(value)(parts)
+    if isinstance(value, Mapping):
+        named = {key: plain(part) for key, part in value.items()}
+        return value if all(named[key] is part for key, part in value.items()) else named
+    return value
 
 
 @functools.cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib.util
 import inspect
@@ -12,11 +13,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ecology import EcologyError, Scenario
-from ecology.errors import nearest
+import cloudpickle
+import gymnasium
+
+from ecology import EcologyError, GymEnv, Scenario, gym_env
+from ecology.beside import importable_beside
+from ecology.errors import describe_refusal, nearest
+from ecology.typed import plain
 from scenarios import _faults
 
 HERE = Path(__file__).parent
+EPISODE = 1000  # ticks after which a Gymnasium episode of a scenario is truncated, unless told otherwise
 
 
 def names() -> list[str]:
@@ -31,7 +38,13 @@ def module(name: str) -> ModuleType:
     """
     path = Path(name)
     if path.suffix == ".py":
-        if not path.is_file():
+        try:
+            is_there = path.is_file()
+        except OSError as error:
+            raise EcologyError(
+                f"the scenario file cannot be read ({describe_refusal(error)}); give another."
+            ) from error
+        if not is_there:
             raise EcologyError(f"there is no scenario file {name!r}; give the path of a .py file.")
     elif name in names():
         path = HERE / f"{name}.py"
@@ -47,16 +60,35 @@ def module(name: str) -> ModuleType:
     loaded = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = loaded
     try:
-        spec.loader.exec_module(loaded)
+        with contextlib.nullcontext() if path.parent == HERE else importable_beside(path):
+            spec.loader.exec_module(loaded)
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:
         raise _faults.named(f"the scenario file {str(path)!r} does not run", error) from error
+    _pickle_by_value(loaded, path.parent)
     if not callable(getattr(loaded, "build", None)):
         raise EcologyError(
             f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
         )
     return loaded
+
+
+def _pickle_by_value(loaded: ModuleType, folder: Path) -> None:
+    """Let the functions of a scenario file, and of modules beside it, be pickled whole: other processes lack them."""
+    beside = [
+        other
+        for name, other in sys.modules.items()
+        if "." not in name and name != "__main__" and _folder_of(other) == os.path.abspath(folder)
+    ]
+    for each in (loaded, *beside):
+        cloudpickle.register_pickle_by_value(each)
+
+
+def _folder_of(module_: ModuleType) -> str | None:
+    """Return the folder of the module's file; None of a package and of what has no file."""
+    file = getattr(module_, "__file__", None)
+    return None if file is None or hasattr(module_, "__path__") else os.path.dirname(os.path.abspath(file))
 
 
 def settings(name: str) -> dict[str, Any]:
@@ -97,7 +129,7 @@ def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any])
     for key, value in changes.items():
         if key not in defaults:
             raise EcologyError(f"the scenario {name!r} has no setting {key!r}. {nearest(key, defaults)}")
-        default = defaults[key]
+        default, value = defaults[key], plain(value)
         if isinstance(default, bool) or isinstance(value, bool):
             good = isinstance(default, bool) and isinstance(value, bool)
         elif isinstance(default, float):
@@ -114,3 +146,19 @@ def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any])
             raise EcologyError(f"the setting {key!r} of scenario {name!r} is like {default!r}; got {value!r}.")
         checked[key] = value
     return checked
+
+
+def make_gym(name: str, *, horizon: int | None = None, render_mode: str | None = None, **changes: Any) -> GymEnv:
+    """Return the scenario `name`, with `changes` to its settings, as a Gymnasium environment."""
+    return gym_env(load(name, **changes), horizon=horizon, render_mode=render_mode)
+
+
+def _register() -> None:
+    """Register every scenario that ships with Gymnasium, as "ecology/NAME-v0"; `make` loads it."""
+    for name in names():
+        id_ = f"ecology/{name}-v0"
+        if id_ not in gymnasium.registry:
+            gymnasium.register(id_, entry_point="scenarios:make_gym", max_episode_steps=EPISODE, kwargs={"name": name})
+
+
+_register()

@@ -126,7 +126,13 @@ def _through_dicts(env: Ecology, learner: Any) -> Callable[[], int]:
         alive = ~np.fromiter(dead.values(), bool, len(dead))
         learner.learn(
             Transition(
-                observations=zeta, masks=masks, actions=actions, next_observations=after, next_masks=open_, alive=alive
+                observations=zeta,
+                masks=masks,
+                actions=actions,
+                next_observations=after,
+                next_masks=open_,
+                alive=alive,
+                died=~alive,
             )
         )
         zeta, masks = after, open_
@@ -232,7 +238,7 @@ class Process:
         said = self.process.communicate()[1].strip().splitlines() or ["it said nothing"]
         point = self.point
         if self.process.returncode == MISSING:
-            how = "`pip install 'ecology-sandbox[bench]'`"
+            how = "`pip install -e '.[bench]'`, run in the project's folder"
             if point.name.startswith("waterworld"):
                 how = "an environment of its own, `pip install pettingzoo==1.25.0 pymunk==6.11.1 pygame scipy`"
             raise EcologyError(
@@ -348,12 +354,9 @@ def called(name: str, version: str) -> str:
 
 def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     """Draw agent-steps per second over agents, a line for each name, with quartiles."""
-    from matplotlib import color_sequences
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from ecology.observers.plotting import color_sequences, new_figure  # slow to load
 
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure((9.0, 4.6))
     ax = figure.add_subplot()
     ours, theirs = (itertools.cycle(color_sequences[name]) for name in ("tab10", "Dark2"))
     for name in dict.fromkeys(speed.name for speed in found):

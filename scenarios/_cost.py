@@ -94,12 +94,9 @@ def camping(scenario: str) -> float:
 
 def draw(path: Path, found: Sequence[Point], line: float) -> None:
     """Draw every choice with the range of its seeds, numbered as in the table, and the drive of camping as a `line`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import ScalarFormatter
+    from ecology.observers.plotting import ScalarFormatter, new_figure  # slow to load
 
-    figure = Figure(figsize=(11, 5.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure((11, 5.6))
     ax = figure.add_subplot(xscale="log", yscale="log")
     ax.axhline(line, color="0.5", linewidth=1, linestyle="--")
     ax.annotate(f"camping {line:.2f}", (1, line), xycoords=("axes fraction", "data"), xytext=(-4, 3),

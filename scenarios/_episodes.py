@@ -139,7 +139,11 @@ def hjb(name: str, settings: Mapping[str, Any], count: int, ticks: int, cap: int
         _, dead, capped, executed = worlds.step(learner.act(before, open_))
         ended = np.flatnonzero(dead | capped)
         over = np.repeat(dead | capped, worlds.n)
-        learner.learn(Transition(before, open_, executed, worlds.zeta.copy(), worlds.masks.copy(), ~over))
+        learner.learn(
+            Transition(
+                before, open_, executed, worlds.zeta.copy(), worlds.masks.copy(), ~over, np.repeat(dead, worlds.n)
+            )
+        )
         if ended.size:
             learner.died(np.flatnonzero(over))  # what was under way ends with the life; what is known stays
             worlds.begin(ended)

@@ -235,6 +235,8 @@ def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], life: float) -> Chosen:
                 f"the learner {' and '.join(names)} has no setting {match[2]!r}. {nearest(match[2], known)}"
             )
         for owner in takers:
+            if value is None and defaults[owner][match[2]] is not None:  # no config holds it
+                raise EcologyError(f"the setting {key!r} is like {defaults[owner][match[2]]!r}; got None.")
             full[owner][1][match[2]] = value
     return full
 

@@ -664,6 +664,13 @@ def cases() -> dict[str, Case]:
         _empathic_case(food, "food eaten or passed, four conditions of empathy (Man and Yoshida 2024)"),
         _empathic_case(grid, "food carried to a partner, four conditions (Man and Yoshida 2024)"),
         _empathic_case(traps, "a trapped partner, four conditions (Man and Yoshida 2024)"),
+        Case(
+            "minds",
+            "how well and how soon the learner regulates in `paper`, over many seeds",
+            list,
+            lambda _: [],
+            ["It takes hours and runs only when it is named: ecology reproduce minds."],
+        ),
     )
     return {case.name: case for case in listed}
 

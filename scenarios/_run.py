@@ -19,7 +19,7 @@ import agents
 from agents import checkpoint, loop
 from agents.base import DivergedError, Learner
 from ecology import Ecology, EcologyError, Scenario, State, Tick
-from ecology.errors import writable
+from ecology.errors import readable, writable
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
 from scenarios import _faults
@@ -43,8 +43,13 @@ class Tally:
     are full, two become one, so that a life of any length takes the same memory.
     """
 
-    def __init__(self, scenario: Scenario, env: Ecology, learners: Mapping[str, Learner]) -> None:
+    def __init__(
+        self, scenario: Scenario, env: Ecology, learners: Mapping[str, Learner], *, every: int = 1, last: int = 0
+    ) -> None:
+        """Sum up `env`; the scenario's measures are taken every `every` ticks, and at the tick `last`."""
         self._scenario, self._groups, self._learners = scenario, env.groups, learners
+        self._every, self._last = every, last
+        self._feels = any(species.empathy is not None for species in scenario.species)
         needs = max(len(s.needs) for s in scenario.species)
         self._set_point = np.zeros((env.size, needs))
         for s, group in zip(scenario.species, env.groups.values(), strict=True):
@@ -57,14 +62,22 @@ class Tally:
         self.closed = 0  # actions asked for that were closed
         self.returned = 0  # times that the arena put a body back inside
         self.span = 1  # ticks of a block
-        self.drive = np.zeros(BLOCKS)  # per block, summed over the living
+        self.drive = np.zeros((BLOCKS, len(env.groups)))  # per block and species, summed over the living
+        self.own_drive = self.drive.copy()  # the same, without what is felt of others
         self.living = np.zeros((BLOCKS, len(env.groups)), np.int64)  # per block and species, summed over its ticks
         now = [np.count_nonzero(env.state_view.alive[group.slots]) for group in env.groups.values()]
         self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
         self.gone = np.zeros(len(env.groups), np.int64)  # tick at which the last of a species died, 0 while it lives
         self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
+        self.fatal = np.zeros((len(env.groups), needs), np.int64)  # deaths by species and the lethal need
+        self.killed = np.zeros((len(env.groups), len(env.groups)), np.int64)  # deaths by species and the killer's
+        self._species_of = np.repeat(np.arange(len(env.groups)), [group.size for group in env.groups.values()])
         self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
         self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
+        measures = len(scenario.measures)
+        self.measured = np.full(measures, np.nan)  # when they were last taken
+        self.measured_sum, self.measured_count = np.zeros(measures), np.zeros(measures, np.int64)  # of finite ones
+        self.measured_least, self.measured_most = self.measured.copy(), self.measured.copy()
         self.actions = np.zeros((env.size, max(len(g.actions) for g in env.groups.values())), np.int64)
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
@@ -84,7 +97,9 @@ class Tally:
         np.maximum(self.most, self.now, out=self.most)
         if at == BLOCKS * self.span:
             self._fold()
-        self.drive[at // self.span] += tick.drive @ alive
+        drive = self._by_species(tick.drive, alive)
+        self.drive[at // self.span] += drive
+        self.own_drive[at // self.span] += self._by_species(state.own_drive, alive) if self._feels else drive
         self.living[at // self.span] += self.now
         self.tick = state.tick
         self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
@@ -94,13 +109,35 @@ class Tally:
             for i, group in enumerate(self._groups.values()):
                 causes = state.cause[group.slots][tick.died[group.slots]]
                 self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
+            died = np.flatnonzero(tick.died)
+            of_need, bitten = died[state.fatal_need[died] >= 0], died[tick.killer[died] >= 0]
+            np.add.at(self.fatal, (self._species_of[of_need], state.fatal_need[of_need]), 1)
+            np.add.at(self.killed, (self._species_of[bitten], self._species_of[tick.killer[bitten]]), 1)
         if tick.born.any():
             self.births += [np.count_nonzero(tick.born[group.slots]) for group in self._groups.values()]
         self.closed, self.returned = int(state.closed.sum()), state.returned
+        if self.measured.size and (state.tick % self._every == 0 or state.tick == self._last):
+            self._measure(state)
+
+    def _by_species(self, values: np.ndarray, alive: np.ndarray) -> list[float]:
+        """Return values (N,) summed over the living of each species."""
+        return [values[group.slots] @ alive[group.slots] for group in self._groups.values()]
+
+    def _measure(self, state: State) -> None:
+        """Take the scenario's measures; one at the last tick that is no sample is kept, and not summed up."""
+        self.measured[:] = self._scenario.measured(state)
+        if state.tick % self._every:
+            return
+        finite = np.isfinite(self.measured)
+        self.measured_sum += np.where(finite, self.measured, 0.0)
+        self.measured_count += finite
+        known = np.where(finite, self.measured, np.nan)
+        np.fmin(self.measured_least, known, out=self.measured_least)
+        np.fmax(self.measured_most, known, out=self.measured_most)
 
     def _fold(self) -> None:
         """Make one block of two, and room for as many again."""
-        for blocks in (self.drive, self.living):
+        for blocks in (self.drive, self.own_drive, self.living):
             half = BLOCKS // 2
             blocks[:half] = blocks[::2] + blocks[1::2]
             blocks[half:] = 0
@@ -124,23 +161,36 @@ class Tally:
         learners = sum(learner.seconds for learner in self._learners.values())
         return np.array([time.perf_counter(), time.process_time(), learners])
 
-    def mean_drive(self, start: int = 0) -> float | None:
+    def mean_drive(self, start: int = 0, *, own: bool = False, species: int | None = None) -> float | None:
         """Return the drive of the living, averaged over agents and ticks from `start` on.
 
-        A block in which `start` lies counts with the share of its ticks from there on.
+        `own` leaves out what is felt of others; `species` is the number of one, all are meant without. A block in
+        which `start` lies counts with the share of its ticks from there on.
         """
         if start >= self.tick:
             return None
         first, into = divmod(start, self.span)
         share = np.ones(self._used - first)
         share[0] -= into / min(self.span, self.tick - first * self.span)
-        living = self.living[first : self._used].sum(axis=1)
-        return _share(float(share @ self.drive[first : self._used]), float(share @ living))
+        which = slice(None) if species is None else slice(species, species + 1)
+        drive, living = (
+            blocks[first : self._used, which].sum(axis=1)
+            for blocks in (self.own_drive if own else self.drive, self.living)
+        )
+        return _share(float(share @ drive), float(share @ living))
+
+    def drives(self, species: str) -> tuple[np.ndarray, int]:
+        """Return the mean drive of the living of a species per block, NaN of nobody, and the ticks of a block."""
+        at = list(self._groups).index(species)
+        living = self.living[: self._used, at]
+        total = self.drive[: self._used, at]
+        return np.divide(total, living, out=np.full(len(living), np.nan), where=living > 0), self.span
 
     def summary(self) -> dict[str, Any]:
         """Return what the run has come to."""
         lived_by = self.living.sum(axis=0)  # per species
         wall, cpu, learner = self.seconds
+        tenth = self.tick - max(1, self.tick // 10)
         needs, shares, population = {}, {}, {}
         for i, (species, group) in enumerate(zip(self._scenario.species, self._groups.values(), strict=True)):
             population[species.name] = {
@@ -150,6 +200,8 @@ class Tally:
                 "most": int(self.most[i]),
                 "died_out": int(self.gone[i]) or None,
                 "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
+                "fatal_needs": {need.name: int(n) for need, n in zip(species.needs, self.fatal[i], strict=False) if n},
+                "killed_by": {name: int(n) for name, n in zip(self._groups, self.killed[i], strict=True) if n},
             }
             lived = self.lived[group.slots].sum()
             delta = self.delta[group.slots].sum(axis=0)
@@ -162,7 +214,11 @@ class Tally:
             "learner_cpu_seconds": round(learner, 3),
             "agent_steps_per_second": _share(int(lived_by.sum()), wall),
             "mean_drive": self.mean_drive(),
-            "mean_drive_last_tenth": self.mean_drive(self.tick - max(1, self.tick // 10)) if self.tick else None,
+            "mean_drive_last_tenth": self.mean_drive(tenth) if self.tick else None,
+            "mean_own_drive": self.mean_drive(own=True),
+            "mean_own_drive_last_tenth": self.mean_drive(tenth, own=True) if self.tick else None,
+            "species_drive": {name: self.mean_drive(species=i) for i, name in enumerate(self._groups)},
+            "species_own_drive": {name: self.mean_drive(own=True, species=i) for i, name in enumerate(self._groups)},
             "mean_abs_deviation": needs,
             "action_shares": shares,
             "population": population,
@@ -170,15 +226,28 @@ class Tally:
             "births": int(self.births.sum()),
             "closed_actions": self.closed,
             "bodies_put_back": self.returned,
+            "measures": {
+                name: {
+                    "end": float(self.measured[i]),
+                    "mean": _share(self.measured_sum[i], self.measured_count[i]),
+                    "least": float(self.measured_least[i]),
+                    "most": float(self.measured_most[i]),
+                }
+                for i, name in enumerate(self._scenario.measures)
+            },
         }
 
-    ARRAYS = ("drive", "living", "now", "least", "most", "gone", "births", "causes", "delta", "lived", "actions")
+    BLOCKED = ("drive", "own_drive", "living")  # of which only the blocks that have begun are kept
+    ARRAYS = (
+        *BLOCKED, "now", "least", "most", "gone", "births", "causes", "fatal", "killed", "delta", "lived", "actions",
+        "measured", "measured_sum", "measured_count", "measured_least", "measured_most",
+    )  # fmt: skip
     VALUES = ("tick", "span", "closed", "returned")
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the sums: arrays, and plain values."""
         arrays = {name: getattr(self, name) for name in self.ARRAYS}
-        arrays["drive"], arrays["living"] = self.drive[: self._used], self.living[: self._used]
+        arrays |= {name: arrays[name][: self._used] for name in self.BLOCKED}
         return arrays, {"seconds": self.seconds.tolist()} | {name: getattr(self, name) for name in self.VALUES}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
@@ -259,7 +328,7 @@ class Run:
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
         with _room(f"a world of {self.env.size} agents"):
             self.tick = self.env.reset_arrays(plan.seed)
-            self.tally = Tally(self.scenario, self.env, self.learners)
+            self.tally = Tally(self.scenario, self.env, self.learners, every=plan.record_every, last=plan.ticks)
         self.stopped_by: str | None = None
         self._saved = 0  # tick of the last checkpoint
         self._resumed = False
@@ -378,7 +447,9 @@ class Run:
             try:
                 while self.now < last:
                     ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
-                    self.tick = loop.run(self.env, self.learners, self.tick, ticks, watchers, clock=time.process_time)
+                    self.tick = loop.advance(
+                        self.env, self.learners, self.tick, ticks, watchers, clock=time.process_time
+                    )
                     self._keep(observers)
                     if keep and self.now % keep == 0:
                         self.save(self.folder / KEPT / str(self.now))
@@ -437,7 +508,7 @@ class Run:
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)
             watchers = (self.tally, *observers, interrupt)
-            self.tick = loop.run(self.env, self.learners, self.tick, at - self.now, watchers)
+            self.tick = loop.advance(self.env, self.learners, self.tick, at - self.now, watchers)
 
     def summary(self) -> dict[str, Any]:
         """Return what summary.json holds."""
@@ -452,6 +523,7 @@ class Run:
         if self.plan.forked:
             at = self.plan.forked["at"]
             head |= {"forked_at": at, "mean_drive_since_fork": self.tally.mean_drive(at)}
+            head |= {"mean_own_drive_since_fork": self.tally.mean_drive(at, own=True)}
         return head | self.tally.summary()
 
     def _words(self) -> dict[str, Any]:
@@ -477,14 +549,16 @@ def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
     path, mine = folder / EVALUATION, json.loads(json.dumps(_finite(words)))
     then = f"give --again to replace it, or move {EVALUATION} and {FIGURES}/ away to keep it."
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        with readable("the evaluation", path):
+            text = path.read_text(encoding="utf-8")
+        told = json.loads(text)
         differ = [
             f"{key} {told.get(key)!r} instead of {value!r}" for key, value in mine.items() if told.get(key) != value
         ]
     except FileNotFoundError:
         return
-    except (OSError, ValueError, AttributeError) as error:
-        raise EcologyError(f"the evaluation {str(path)!r} cannot be read ({error}); {then}") from error
+    except (ValueError, AttributeError) as error:
+        raise EcologyError(f"the evaluation {str(path)!r} is damaged ({error}); {then}") from error
     if differ:
         raise EcologyError(
             f"the folder {str(folder)!r} holds an evaluation that was made with {', '.join(differ)}; {then}"

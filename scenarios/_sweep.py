@@ -11,7 +11,10 @@ import contextlib
 import hashlib
 import itertools
 import json
+import logging
+import math
 import os
+import platform
 import re
 import signal
 import socket
@@ -20,28 +23,34 @@ import sys
 import tempfile
 import threading
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ecology import EcologyError
-from ecology.errors import writable
+from ecology.errors import nearest, readable, writable
 from scenarios._plan import CONFIG, Plan, read_config, resolve
 from scenarios._run import SUMMARY, StoppedError, held, opened, replace_text, write_json
+from scenarios._values import as_key, read_value, split_values
 
 TABLE, FIGURE, RUNS = "sweep.parquet", "sweep.png", "runs"  # what the folder of a sweep holds
-LEARNED = "learned_drive"  # key of the summary of a run that was measured after it
+LEARNED, LEARNED_OWN = "learned_drive", "learned_own_drive"  # keys of the summary of a run that was measured after it
 RETRIES = 3  # times that a run is begun or gone on with again after its process died
 PATIENCE = 60.0  # seconds for which a run waits for the last process in its folder to end
+KNOCK = 10.0  # seconds for which a Ray cluster may take to accept a connection
+AHEAD = 16  # runs that wait at a Ray cluster beyond what it holds now: an autoscaler adds nodes for them
 CONFIDENCE = 0.95
+BY_SPECIES, OWN_BY_SPECIES = "species_drive.", "species_own_drive."  # of the columns of the table
 LONGEST = 100  # characters of a run's name
 DPI = 130
 USER_ERROR = 2  # exit code that another attempt would not change
 
+Job = TypeVar("Job")
+Done = TypeVar("Done")
 Attempt = Callable[["Cell", threading.Event], tuple[int, str]]  # run, stop -> exit code, what it said
 
 
@@ -62,11 +71,6 @@ class Cell:
         """Return the name of the run's folder."""
         return self.folder.name
 
-    @property
-    def measure(self) -> str:
-        """Return the key of the summary that the figure shows."""
-        return LEARNED if self.evaluate else "mean_drive"
-
 
 def seeds_of(text: str) -> list[int]:
     """Return the seeds of "0:32" (32 is not among them), "7" or "1,4,9:12"."""
@@ -80,21 +84,19 @@ def seeds_of(text: str) -> list[int]:
 
 
 def values_of(text: str) -> tuple[str, list[Any]]:
-    """Return key and values of "key=1,2,[3, 4],word": TOML, or words where it is not."""
+    """Return key and values of "key=1,2,[3, 4],word"; values that mean the same are there once."""
     key, sign, told = text.partition("=")
     if not sign or not key.strip() or not told.strip():
         raise EcologyError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
-    values = _toml(f"[{told}]")
-    if values is None:
-        values = [word if (value := _toml(word)) is None else value for word in map(str.strip, told.split(","))]
-    return key.strip(), values
-
-
-def _toml(text: str) -> Any:
-    with contextlib.suppress(tomllib.TOMLDecodeError, RecursionError):
-        read = tomllib.loads(f"value = {text}")
-        return read["value"] if set(read) == {"value"} else None
-    return None
+    parts = split_values(told)
+    if not parts[-1]:  # a comma at the end
+        parts.pop()
+    if not all(parts):
+        raise EcologyError(f"--set takes KEY=VALUE,VALUE,... with a value between any two commas, got {text!r}.")
+    values: dict[Any, Any] = {}
+    for value in map(read_value, parts):
+        values.setdefault(as_key(value), value)
+    return key.strip(), list(values.values())
 
 
 def cells_of(
@@ -118,7 +120,7 @@ def cells_of(
     for word in learners:
         species, _, names = word.rpartition("=")
         axis = f"learner.{species}" if species else "learner"
-        axes[axis] = [("learner", f"{species}={name}" if species else name) for name in names.split(",")]
+        axes[axis] = [("learner", f"{species}={name}" if species else name) for name in dict.fromkeys(names.split(","))]
     cells: dict[str, Cell] = {}
     for choice in itertools.product(*axes.values()):
         told = dict(zip(axes, choice, strict=True))
@@ -147,7 +149,7 @@ def _name(varied: Mapping[str, Any], seed: int) -> str:
 def finished(cell: Cell) -> dict[str, Any] | None:
     """Return the summary of a run that has come to its end, and is measured if it is to be; else None."""
     told = lived(cell)
-    return told if told is not None and cell.measure in told else None
+    return told if told is not None and (LEARNED in told or not cell.evaluate) else None
 
 
 def lived(cell: Cell) -> dict[str, Any] | None:
@@ -167,9 +169,12 @@ def _lived_to(folder: Path, ticks: int) -> dict[str, Any] | None:
 def check(cell: Cell) -> None:
     """Raise EcologyError where the folder of a run holds a run that was told something else."""
     try:
-        there = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
+        with readable("the config", cell.folder / CONFIG):
+            there = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return
+    except EcologyError:
+        raise
     except (OSError, ValueError) as error:
         raise EcologyError(f"the config {str(cell.folder / CONFIG)!r} cannot be read: {error}.") from error
     mine = tomllib.loads(cell.plan.to_toml())
@@ -210,9 +215,13 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
     try:
-        rows = pq.read_table(path).to_pylist()
+        with readable("the table", path):
+            rows = pq.read_table(path).to_pylist()
     except (OSError, pa.ArrowException) as error:
-        raise EcologyError(f"the table {str(path)!r} cannot be read; move it away, or give another --out.") from error
+        raise EcologyError(
+            f"the table {str(path)!r} is damaged ({str(error).splitlines()[0]}). Move it away: the sweep writes it "
+            "again from its runs, which are kept."
+        ) from error
     if any("run" not in row for row in rows):
         raise EcologyError(f"the table {str(path)!r} is of no sweep; move it away, or give another --out.")
     return rows
@@ -243,16 +252,33 @@ class Outcome:
 def live(
     cells: Iterable[Cell],
     attempt: Attempt,
-    workers: int,
+    workers: Callable[[], int],
     tell: Callable[[Outcome, int], None],
 ) -> None:
-    """Live all `cells` to their end, `workers` at a time; `tell` hears of each and how many are under way.
+    """Live all `cells` to their end, `workers()` at a time; `tell` hears of each and how many are under way.
 
     A run whose process dies is gone on with, `RETRIES` times; one that fails by its own error is not.
     A signal to stop lets the runs under way stop after their present tick: then StoppedError.
     """
+
+    def do(cell: Cell, stop: threading.Event) -> Outcome:
+        return _lived(cell, attempt, stop)
+
+    schedule(cells, do, workers, tell)
+
+
+def schedule(
+    jobs: Iterable[Job],
+    do: Callable[[Job, threading.Event], Done],
+    workers: Callable[[], int],
+    tell: Callable[[Done, int], None],
+) -> None:
+    """Do all `jobs`, `workers()` at a time, each in a thread; `tell` gets each result and how many are under way.
+
+    `do` ends early where its event is set. A signal sets it; once all have ended, StoppedError is raised.
+    """
     stop, heard = threading.Event(), []
-    waiting = list(cells)[::-1]
+    waiting = list(jobs)[::-1]
 
     def hear(signum: int, _: object) -> None:
         heard.append(signum)
@@ -262,12 +288,13 @@ def live(
         if threading.current_thread() is threading.main_thread():
             for signum in (signal.SIGINT, signal.SIGTERM):
                 at_end.callback(signal.signal, signum, signal.signal(signum, hear))
-        pool = at_end.enter_context(ThreadPoolExecutor(workers))
+        pool = at_end.enter_context(ThreadPoolExecutor(max(1, len(waiting))))  # threads start as they are needed
         at_end.callback(stop.set)  # whatever happens here, nobody is left running
         running: set[Any] = set()
         while running or (waiting and not stop.is_set()):
-            while waiting and len(running) < workers and not stop.is_set():
-                running.add(pool.submit(_lived, waiting.pop(), attempt, stop))
+            room = workers() - len(running) if waiting else 0
+            for _ in range(0 if stop.is_set() else min(room, len(waiting))):
+                running.add(pool.submit(do, waiting.pop(), stop))
             done, running = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             for future in done:
                 tell(future.result(), len(running))
@@ -303,14 +330,21 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
 
 def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
     """Live a run in a process of one thread; return its exit code and its last line of error."""
-    words = (["--evaluate"] if cell.evaluate else []) + [str(cell.folder)]
+    return in_process(["scenarios._sweep", *(["--evaluate"] if cell.evaluate else []), str(cell.folder)], stop)
+
+
+def in_process(words: Sequence[str], stop: threading.Event) -> tuple[int, str]:
+    """Run `python -m WORDS` with one thread; return its exit code and its last line of error.
+
+    The pipe to its standard input closes once `stop` is set: see `stop_with_parent`.
+    """
     with tempfile.TemporaryFile() as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "scenarios._sweep", *words],
+            [sys.executable, "-m", *words],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=errors,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
             start_new_session=True,  # Ctrl-C reaches the sweep alone, which passes it on
         )
         assert process.stdin is not None
@@ -326,25 +360,37 @@ def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
     return process.returncode, said[own:] if said[own:].startswith("ecology: ") else said.rpartition("\n")[2]
 
 
-def by_ray(address: str) -> tuple[Attempt, int]:
-    """Return the same on a Ray cluster ("local" starts one on this machine), and how many CPUs it has."""
+def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
+    """Return the same on a Ray cluster ("local" starts one on this machine), and how many runs to have under way now.
+
+    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
+    nodes that join later are used.
+    """
     try:
         import ray
     except ImportError as error:
         raise EcologyError(
-            "--ray needs the package ray, which is not installed; install it with: pip install 'ecology-sandbox[ray]'"
+            "--ray needs the package ray, which is not installed; run in the project's folder: pip install -e '.[ray]'"
         ) from error
+    if address not in ("local", "auto"):  # ray itself would wait for somebody to answer for many minutes
+        _knock(address)
+    said: list[str] = []
     try:
-        if address not in ("local", "auto"):  # ray itself would wait for somebody to answer for many minutes
-            host, _, port = address.removeprefix("ray://").rpartition(":")
-            socket.create_connection((host, int(port)), timeout=PATIENCE).close()
-        ray.init(None if address == "local" else address, log_to_driver=False, logging_level="error")
-    except (OSError, ValueError, OverflowError, RuntimeError) as error:
+        with contextlib.nullcontext() if address == "local" else _errors_of_ray(said):
+            ray.init(None if address == "local" else address, log_to_driver=False, logging_level="error")
+    except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         told = str(error).strip().partition("\n")[0]
-        raise EcologyError(
-            f"there is no Ray cluster to join at {address!r} ({told}); give local, auto or HOST:PORT."
-        ) from error
-    task = ray.remote(num_cpus=1, max_retries=0)(_in_worker)
+        if isinstance(error, getattr(ray.exceptions, "AuthenticationError", ())) or any(
+            "AuthToken" in line for line in said
+        ):
+            raise EcologyError(_token_wanted(address)) from error
+        if address == "auto":
+            advice = "start a cluster with `ray start --head`, or give local or HOST:PORT"
+        else:
+            advice = f"check that Ray {ray.__version__} runs there, with Python {platform.python_version()} as here"
+        raise EcologyError(f"--ray {address!r}: Ray cannot join a cluster ({told}); {advice}.") from error
+    needs = {"CPU": 1.0, "GPU": gpus, "memory": memory * 2**30}
+    task = ray.remote(num_cpus=1, num_gpus=gpus, memory=int(needs["memory"]), max_retries=0)(_in_worker)
 
     def attempt(cell: Cell, stop: threading.Event) -> tuple[int, str]:
         under_way = task.remote(cell)
@@ -356,7 +402,98 @@ def by_ray(address: str) -> tuple[Attempt, int]:
         except ray.exceptions.RayError as error:
             return -1, str(error).strip().partition("\n")[0]
 
-    return attempt, max(1, int(ray.cluster_resources().get("CPU", 1)))
+    def capacity() -> int:
+        nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+        return sum(min(int(node.get(key, 0.0) / need + 1e-9) for key, need in needs.items() if need) for node in nodes)
+
+    if not capacity():
+        wanted = f"1 CPU, {gpus:g} GPUs and {memory:g} GiB of memory for a run"
+        if address == "local":
+            has = ray.cluster_resources()
+            raise EcologyError(
+                f"this machine does not have {wanted}: it has {has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs "
+                f"and {has.get('memory', 0) / 2**30:.1f} GiB; ask for less."
+            )
+        logging.getLogger("ecology").warning(
+            "no node of the cluster has %s; the sweep waits until one joins. Ctrl-C stops it.", wanted
+        )
+    known = [0]
+
+    def count() -> int:
+        with contextlib.suppress(OSError, RuntimeError, ray.exceptions.RayError):  # of a cluster that is lost runs tell
+            known[0] = capacity()
+        return known[0] + AHEAD
+
+    return attempt, count
+
+
+def gpus_per_run(ray: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
+    """Return the GPUs that a run takes of a Ray cluster; EcologyError where the options contradict each other."""
+    for option, value in (("--gpus-per-run", gpus), ("--memory-per-run", memory)):
+        if ray is None and value is not None:
+            raise EcologyError(f"{option} requires --ray; give --ray local to share out this machine, or drop it.")
+        if value is not None and not math.isfinite(value):
+            raise EcologyError(f"{option} is a finite number, got {value!r}.")
+    on_gpu = device is not None and device.startswith("cuda")
+    if ray is not None and on_gpu and device != "cuda":
+        raise EcologyError(f"Ray chooses the GPU of every run: give --device cuda with --ray, not {device}.")
+    if on_gpu and gpus == 0:
+        raise EcologyError("--device cuda needs a GPU, or a part of one: give --gpus-per-run above 0, or drop it.")
+    if gpus is not None and gpus > 1 and gpus != int(gpus):
+        raise EcologyError(f"--gpus-per-run is a part of one GPU or a whole number of them, got {gpus!r}.")
+    return float(on_gpu) if gpus is None else gpus
+
+
+def _knock(address: str) -> None:
+    """Raise EcologyError where `address` is none of a Ray cluster, or where nothing answers at it."""
+    match = re.fullmatch(r"(?:ray://)?(?:\[([0-9a-fA-F:.]+)\]|([^\s:/\[\]]+)):(\d{1,5})", address)
+    if match is None or not 0 < int(match[3]) < 2**16:
+        raise EcologyError(
+            f"--ray takes local, auto, HOST:PORT or ray://HOST:PORT with a port from 1 to 65535, got {address!r}."
+        )
+    try:
+        socket.create_connection((match[1] or match[2], int(match[3])), timeout=KNOCK).close()
+    except (OSError, UnicodeError) as error:
+        told = getattr(error, "strerror", None) or str(error)
+        raise EcologyError(
+            f"--ray {address!r}: nothing answers there ({told}); give the HOST:PORT that `ray start --head` printed, "
+            "whose port is 6379 by default."
+        ) from error
+
+
+def _token_wanted(address: str) -> str:
+    """Return the message for a Ray cluster that refuses those without its token."""
+    given = [name for name in ("RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH") if os.environ.get(name)]
+    if os.environ.get("RAY_AUTH_MODE", "").lower() != "token":
+        missing = "RAY_AUTH_MODE is not set to token"
+    elif given:
+        missing = f"it refuses the one in {given[0]}"
+    else:
+        missing = "RAY_AUTH_TOKEN is not set"
+    return (
+        f"--ray {address!r}: the Ray cluster wants a token, and {missing}. Set RAY_AUTH_MODE=token and "
+        "RAY_AUTH_TOKEN=TOKEN, with the token that the cluster was started with, and type the command again."
+    )
+
+
+@contextlib.contextmanager
+def _errors_of_ray(lines: list[str]) -> Iterator[None]:
+    """Keep from the screen what is written to file descriptor 2, and append it to `lines`.
+
+    Ray's compiled part writes there that a token is missing; its exception says only that it could not connect.
+    """
+    sys.stderr.flush()
+    with tempfile.TemporaryFile() as kept, contextlib.ExitStack() as at_end:
+        usual = os.dup(2)
+        at_end.callback(os.close, usual)
+        os.dup2(kept.fileno(), 2)
+        try:
+            yield
+        finally:
+            sys.stderr.flush()
+            os.dup2(usual, 2)
+            kept.seek(0)
+            lines += kept.read().decode(errors="replace").splitlines()
 
 
 def _in_worker(cell: Cell) -> tuple[int, str]:
@@ -364,9 +501,8 @@ def _in_worker(cell: Cell) -> tuple[int, str]:
     return by_process(cell, threading.Event())
 
 
-def _process() -> None:
-    """Be the process of one run: live what is left of it, measure it; stop when standard input closes."""
-    from scenarios import cli
+def stop_with_parent() -> None:
+    """Send SIGTERM to this process as soon as its standard input closes."""
 
     def listen() -> None:
         while os.read(sys.stdin.fileno(), 1):
@@ -374,6 +510,13 @@ def _process() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=listen, daemon=True).start()
+
+
+def _process() -> None:
+    """Be the process of one run: live what is left of it, measure it; stop when standard input closes."""
+    from scenarios import cli
+
+    stop_with_parent()
     folder = Path(sys.argv[-1])
     with contextlib.suppress(EcologyError), held(folder, patience=PATIENCE):
         pass  # the last process in the folder has ended
@@ -400,9 +543,12 @@ def measure(folder: Path) -> None:
     run.restore()
     learner = next(iter(run.learners.values()))
     seed = run.plan.seed + cli.EVALUATION_SEED
-    drives = evaluation.mean_drive(run.scenario, learner, cli.EVALUATED, seed, cli.SKIPPED)
+    life = evaluation.fresh_life(run.scenario, learner, cli.EVALUATED, seed)
     told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    write_json(folder / SUMMARY, told | {LEARNED: float(drives.mean()) if len(drives) else None})
+    for key, own in ((LEARNED, False), (LEARNED_OWN, True)):
+        drives = evaluation.drive_series(life, cli.SKIPPED, own=own)
+        told[key] = float(drives.mean()) if len(drives) else None
+    write_json(folder / SUMMARY, told)
 
 
 # ---- what it came to ---------------------------------------------------------------------------
@@ -426,6 +572,84 @@ def _flat(words: Mapping[str, Any], where: str = "") -> Iterable[tuple[str, Any]
             yield f"{where}{key}", value
 
 
+def rows_of(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
+    """Return the rows of the table; a cause that nobody died of in a run, but in another, counts 0."""
+    rows = [row(outcome.cell, outcome.summary or {}) for outcome in outcomes]
+    for cause in dict.fromkeys(key for each in rows for key in each if ".died_of." in key):
+        for each in rows:
+            if cause.partition(".died_of.")[0] + ".mean" in each:
+                each.setdefault(cause, 0)
+    return rows
+
+
+def columns_of(outcomes: Sequence[Outcome], show: Sequence[str] = ()) -> list[str]:
+    """Return the columns of the table that are printed and drawn: those of `show`, or else what tells runs apart.
+
+    That is the drive, of several species the mean population and drive of each. Where there is empathy, bodies' own
+    drives come before what is felt.
+    """
+    if show:
+        return list(show)
+    rows = [row(outcome.cell, outcome.summary or {}) for outcome in outcomes]
+
+    def drives(felt: str, own: str) -> list[str]:
+        if all(each.get(own, each.get(felt)) == each.get(felt) for each in rows):  # nobody feels anything
+            return [felt]
+        return [own, felt]
+
+    species = list(dict.fromkeys(key.partition(".")[2] for each in rows for key in each if key.startswith(BY_SPECIES)))
+    found = drives(LEARNED, LEARNED_OWN) if any(outcome.cell.evaluate for outcome in outcomes) else []
+    if len(species) > 1:
+        for name in species:
+            found += [f"population.{name}.mean", *drives(f"{BY_SPECIES}{name}", f"{OWN_BY_SPECIES}{name}")]
+    return found or drives("mean_drive", "mean_own_drive")
+
+
+def label(column: str) -> str:
+    """Return what a column of the table is called where it is printed and drawn."""
+    for start, end, ending in (
+        (BY_SPECIES, "", " drive"),
+        (OWN_BY_SPECIES, "", " own drive"),
+        ("population.", ".mean", " population"),
+        ("measures.", ".mean", ""),
+    ):
+        name = column.removeprefix(start).removesuffix(end)
+        if column == start + name + end:
+            return name + ending
+    return column if "." in column else column.replace("_", " ")
+
+
+def check_shown(columns: Iterable[str], cells: Sequence[Cell], summary_of: Callable[[Cell], Mapping[str, Any]]) -> None:
+    """Raise EcologyError where one of `columns` is none of the numbers that the table will hold.
+
+    `summary_of` returns the summary of a run before its first tick; settings may change which species there are.
+    """
+    missing, known = set(columns), list[str]()
+    choices = {repr(cell.varied): cell for cell in reversed(cells)}  # the first of each
+    seen = set()
+    for cell in reversed(choices.values()):
+        if not missing:
+            return
+        world = cell.plan.load()
+        named = [
+            (species.name, [need.name for need in species.needs], [action.name for action in species.actions])
+            for species in world.species
+        ]
+        if (kind := repr((named, [*world.measures]))) in seen:
+            continue
+        seen.add(kind)
+        summary = summary_of(cell)
+        told = {**summary, **({LEARNED: None, LEARNED_OWN: None} if cell.evaluate else {})}
+        head = row(cell, {})
+        known += [key for key in row(cell, told) if key not in head]
+        causes = tuple(f"population.{name}.died_of." for name in summary["population"])  # as many as will happen
+        missing = {column for column in missing if column not in known and not column.startswith(causes)}
+    for column in sorted(missing):
+        raise EcologyError(
+            f"--show takes a column of {TABLE} that holds numbers, got {column!r}. {nearest(column, set(known))}"
+        )
+
+
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write `rows` as parquet, in the place of what is there; a column of several kinds holds words."""
     import pyarrow as pa
@@ -443,68 +667,83 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     beside.replace(path)
 
 
-def sum_up(out: Path, done: Sequence[Outcome], title: str) -> list[Path]:
+def sum_up(out: Path, done: Sequence[Outcome], title: str, columns: Sequence[str] = ("mean_drive",)) -> list[Path]:
     """Write the table and the figure of the runs that are whole, and return their paths; of none, nothing."""
     if not done:
         return []
     ordered = sorted(done, key=lambda outcome: (repr(outcome.cell.varied), outcome.cell.plan.seed))
-    write_table(out / TABLE, [row(outcome.cell, outcome.summary or {}) for outcome in ordered])
-    found = points(ordered)
-    if not found:  # nobody lived
+    write_table(out / TABLE, rows_of(ordered))
+    panels = {label(column): found for column in columns if (found := points(ordered, column))}
+    if not panels:  # nobody lived
         return [out / TABLE]
-    draw(out / FIGURE, found, title, ordered[0].cell.measure.replace("_", " "))
+    draw(out / FIGURE, panels, title)
     return [out / TABLE, out / FIGURE]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """The mean drive under one choice of settings, over seeds."""
+    """The mean of a column of the table under one choice of settings, over seeds."""
 
     varied: Mapping[str, Any]
-    runs: int
+    runs: int  # that have a value
     mean: float
     low: float  # of the t interval over seeds; NaN of one run
     high: float
 
 
-def points(outcomes: Iterable[Outcome]) -> list[Point]:
-    """Return the mean drives by what varied, with their 95 % t intervals over seeds."""
+def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[Point]:
+    """Return the means of a column by what varied, with their 95 % t intervals over seeds."""
     from scipy import stats  # slow to load
 
+    outcomes = list(outcomes)
     groups: dict[str, tuple[Mapping[str, Any], list[float]]] = {}
-    for outcome in outcomes:
-        drive = (outcome.summary or {}).get(outcome.cell.measure)
-        if drive is not None:
-            groups.setdefault(repr(outcome.cell.varied), (outcome.cell.varied, []))[1].append(drive)
+    for outcome, told in zip(outcomes, rows_of(outcomes), strict=True):
+        value = told.get(column)
+        if value is not None:
+            groups.setdefault(repr(outcome.cell.varied), (outcome.cell.varied, []))[1].append(float(value))
     found = []
-    for varied, drives in groups.values():
-        n, mean, low, high = len(drives), float(np.mean(drives)), np.nan, np.nan
+    for varied, values in groups.values():
+        n, mean, low, high = len(values), float(np.mean(values)), np.nan, np.nan
         if n > 1:
-            half = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * stats.sem(drives)
+            half = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * stats.sem(values)
             low, high = mean - half, mean + half
         found.append(Point(varied=varied, runs=n, mean=mean, low=float(low), high=float(high)))
     return found
 
 
-def draw(path: Path, found: Sequence[Point], title: str, what: str) -> None:
-    """Draw the mean drives over the first setting that varies, a line for every choice of the others."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def draw(path: Path, panels: Mapping[str, Sequence[Point]], title: str) -> None:
+    """Draw means over the first setting that varies, a line for every choice of the others, a panel for every name."""
+    from ecology.observers.plotting import new_figure  # slow to load
 
+    everything = [point for found in panels.values() for point in found]
+    axes = [axis for axis in everything[0].varied if len({repr(point.varied[axis]) for point in everything}) > 1]
+    across = min(len(panels), 2)
+    down = -(-len(panels) // across)
+    figure = new_figure((7.5 if across == 1 else 12.0, 4.6 if down == 1 else 3.8 * down))
+    for i, (what, found) in enumerate(panels.items()):
+        ax = figure.add_subplot(down, across, i + 1)
+        _panel(
+            ax, found, axes, list(dict.fromkeys(str(point.varied[axes[0]]) for point in everything)) if axes else [""]
+        )
+        ax.set_ylabel(f"{what}, drive units (less is better)" if what.endswith("drive") else what)
+    runs = sorted({point.runs for point in everything})
+    figure.suptitle(f"{title}: mean and 95 % t interval over {'-'.join(map(str, runs))} seeds", fontsize=11)
+    beside = path.with_name(path.name + ".new")
+    figure.savefig(beside, dpi=DPI, format="png")
+    beside.replace(path)
+
+
+def _panel(ax: Any, found: Sequence[Point], axes: Sequence[str], words: Sequence[str]) -> None:
+    """Draw the means of one column over the first of `axes`, whose values are `words` where they are no numbers."""
     from ecology.observers.colours import PALETTE
 
-    axes = [axis for axis in found[0].varied if len({repr(point.varied[axis]) for point in found}) > 1]
     first, others = (axes[0], axes[1:]) if axes else ("", [])
     values = [point.varied.get(first, "") for point in found]
     numeric = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
-    words = list(dict.fromkeys(map(str, values)))
     lines: dict[str, list[tuple[float, Point]]] = {}
     for value, point in zip(values, found, strict=True):
         name = ", ".join(f"{axis.removeprefix('set.')} {point.varied[axis]}" for axis in others)
         lines.setdefault(name, []).append((float(value) if numeric else words.index(str(value)), point))
-    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    ax = figure.add_subplot()
     step = min(np.diff(np.unique([at for line in lines.values() for at, _ in line])), default=1.0)
     for i, (name, line) in enumerate(lines.items()):
         line.sort(key=lambda pair: pair[0])
@@ -519,14 +758,8 @@ def draw(path: Path, found: Sequence[Point], title: str, what: str) -> None:
     if not numeric:
         ax.set_xticks(range(len(words)), words)
     ax.set_xlabel(first.removeprefix("set."))
-    ax.set_ylabel(f"{what}, drive units (less is better)")
-    runs = sorted({point.runs for point in found})
-    ax.set_title(f"{title}: mean and 95 % t interval over {'-'.join(map(str, runs))} seeds", fontsize=11)
     if others:
         ax.legend(fontsize=8, frameon=False)
-    beside = path.with_name(path.name + ".new")
-    figure.savefig(beside, dpi=DPI, format="png")
-    beside.replace(path)
 
 
 if __name__ == "__main__":

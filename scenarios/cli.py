@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import dataclasses
 import logging
 import math
 import os
@@ -16,7 +17,6 @@ import sys
 import tempfile
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,14 +29,16 @@ from rich.markup import escape
 from rich.table import Table
 
 import agents
+import ecology
 import scenarios
 from ecology import Ecology, EcologyError, Scenario, State, Tick
-from ecology.errors import check_writable, nearest, writable
+from ecology.errors import check_writable, describe_refusal, is_from_system, nearest, writable
 from ecology.observers.base import Mind, Observer
 from ecology.observers.wishes import Wishes
 from scenarios import _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
+from scenarios._values import read_value
 
 if TYPE_CHECKING:
     from ecology.observers.page import Page
@@ -54,9 +56,18 @@ app = typer.Typer(
     name="ecology",
     help="An ecology sandbox: self-regulated agents that learn their bodies and their world.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+@app.callback()
+def common(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, help="Print the version and exit.")] = False,
+) -> None:
+    """An ecology sandbox: self-regulated agents that learn their bodies and their world."""
+    if version:
+        print(f"ecology {ecology.__version__}")
+        raise typer.Exit
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -70,12 +81,19 @@ def main(words: Sequence[str] | None = None) -> None:
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
     except Exception as error:
-        told = error if isinstance(error, EcologyError) else _faults.of(error)
+        told = error if isinstance(error, EcologyError) else _faults.of(error) or _refused(error)
         if told is None:
             raise
         frames = told.frames if isinstance(told, _faults.FaultError) else ""
         print(f"{frames}ecology: {told}", file=sys.stderr)
         sys.exit(2)
+
+
+def _refused(error: Exception) -> EcologyError | None:
+    """Return what to say where the operating system refused a path that the user gave; else None."""
+    if not isinstance(error, OSError) or not is_from_system(error) or error.filename is None:
+        return None
+    return EcologyError(f"{describe_refusal(error)}. Give another path, or allow using this one.")
 
 
 def _spelt(words: list[str]) -> list[str]:
@@ -185,6 +203,10 @@ def run(
     ] = False,
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of the page for --serve.", show_default="9090, or one that is free"),
+    ] = None,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
     focus: Annotated[
         list[str] | None,
@@ -212,6 +234,7 @@ def run(
         _refuse("--resume", record=record, no_record=no_record or None, keep_every=keep_every)
     elif previous:
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
+    _check_port(port, serve=serve)
     with contextlib.ExitStack() as stack:
         if resume is not None:
             stack.enter_context(_run.held(resume))
@@ -234,7 +257,9 @@ def run(
             )
             it = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
             it.check_folder()
-        observers = _watchers(it, resume=resume is not None, view=view, serve=serve, connect=connect, focus=focus or ())
+        observers = _watchers(
+            it, resume=resume is not None, view=view, serve=serve, port=port, connect=connect, focus=focus or ()
+        )
         if resume is None:
             it.start()
             stack.enter_context(_run.held(it.folder))
@@ -269,6 +294,11 @@ def focus(
     print(wishes.ask(run, who, lambda: _run.busy(run)))
 
 
+def _check_port(port: int | None, *, serve: bool) -> None:
+    if port is not None and not serve:
+        raise EcologyError("--port requires --serve.")
+
+
 def _refuse(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
@@ -277,15 +307,11 @@ def _refuse(option: str, **given: Any) -> None:
 
 
 def _setting(text: str) -> tuple[str, Any]:
-    """Return key and value of "key=value", the value read as TOML or else as a word."""
+    """Return key and value of "key=value"."""
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
         raise EcologyError(f"--set takes KEY=VALUE, got {text!r}.")
-    try:
-        read = tomllib.loads(f"value = {value}")
-    except tomllib.TOMLDecodeError:
-        read = {}
-    return key.strip(), read["value"] if set(read) == {"value"} else value
+    return key.strip(), read_value(value)
 
 
 def _pairs(
@@ -328,6 +354,7 @@ def _watchers(
     resume: bool,
     view: bool = False,
     serve: bool = False,
+    port: int | None = None,
     connect: str | None = None,
     focus: Sequence[str] = (),
 ) -> list[Observer]:
@@ -345,12 +372,12 @@ def _watchers(
         observers.append(Recorder(it.folder / _run.METRICS, it.plan.record_every, resume=resume))
     if it.plan.record or view or serve or connect:
         from ecology.observers.rerun import RerunObserver  # slow to load
-        from ecology.observers.viewer import LOOPBACK, SERVE_PORT
+        from ecology.observers.viewer import LOOPBACK, SERVE_PORT, preferred_port
 
         rerun = RerunObserver(
             it.folder / _run.RECORDING if it.plan.record else None,
             every=it.plan.record_every,
-            serve=(LOOPBACK, SERVE_PORT if serve else 0) if view or serve else None,
+            serve=(LOOPBACK, preferred_port(LOOPBACK, SERVE_PORT) if serve else 0) if view or serve else None,
             connect=connect,
             focus=focus,
             detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
@@ -361,21 +388,29 @@ def _watchers(
         )
         observers.append(rerun)
         if rerun.url is not None:
-            observers.append(Audience(rerun.url, wishes, view=view, serve=serve))
+            observers.append(Audience(rerun.url, wishes, view=view, serve=serve, port=port))
     return observers
+
+
+def _web_port(port: int | None) -> int:
+    """Return the port to serve browsers at: the one given, or by default one that is free."""
+    from ecology.observers import viewer
+
+    if port is not None:
+        return viewer.free_port(viewer.LOOPBACK, port)
+    return viewer.preferred_port(viewer.LOOPBACK, viewer.WEB_PORT)
 
 
 class Audience:
     """Opens viewers on a run that serves, an observer: the viewer itself, or a page that tells of clicks."""
 
-    def __init__(self, url: str, wishes: Wishes, *, view: bool, serve: bool) -> None:
-        from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, needs_display
+    def __init__(self, url: str, wishes: Wishes, *, view: bool, serve: bool, port: int | None = None) -> None:
+        from ecology.observers.viewer import needs_display
 
         if view:
             needs_display("use --serve and look from a browser")
-        if serve:
-            free_port(LOOPBACK, WEB_PORT)
-        self._url, self._wishes, self._view, self._serve = url, wishes, view, serve
+        self.port = _web_port(port) if serve else None
+        self._url, self._wishes, self._view = url, wishes, view
         self._page: Page | None = None
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
@@ -385,9 +420,9 @@ class Audience:
 
         if self._view:
             viewer.attach(self._url)
-        if self._serve:
+        if self.port is not None:
             try:
-                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=viewer.WEB_PORT)
+                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=self.port)
                 print(f"watch in a browser: {self._page.url}")
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
@@ -438,9 +473,11 @@ class Progress:
     def _show(self, minds: Mapping[str, Mind]) -> None:
         now, at = time.monotonic(), self._tally.tick
         parts = [f"{(at - self._from) / max(now - self._then, 1e-9):,.0f} ticks/s"]
-        drive = self._tally.mean_drive(self._from)
+        drive, own = self._tally.mean_drive(self._from), self._tally.mean_drive(self._from, own=True)
         if drive is not None:
             parts.append(f"mean drive {drive:.2f}")
+        if own != drive:
+            parts.append(f"own drive {own:.2f}")
         for key, symbol in (("loss_f", "L_f"), ("loss_J", "L_J")):
             losses = [np.asarray(report[key]) for mind in minds.values() if key in (report := mind.report())]
             known = np.concatenate(losses) if losses else np.empty(0)
@@ -465,19 +502,30 @@ class Progress:
 
 def _say(folder: Path, summary: Mapping[str, Any]) -> None:
     drive, last = summary["mean_drive"], summary["mean_drive_last_tenth"]
+    own, last_own = summary["mean_own_drive"], summary["mean_own_drive_last_tenth"]
+    felt = f" (own drive {_figure(own)}, {_figure(last_own)})" if (own, last_own) != (drive, last) else ""
     print(
         f"{summary['ticks']:,} ticks in {summary['wall_seconds']:,.1f} s; mean drive {_figure(drive)}, "
-        f"in the last tenth {_figure(last)}. The run is in {folder}"
+        f"in the last tenth {_figure(last)}{felt}. The run is in {folder}"
     )
-    for name, of in summary["population"].items() if summary["births"] or summary["deaths"] else ():
+    several = len(summary["population"]) > 1
+    for name, of in summary["population"].items() if several or summary["births"] or summary["deaths"] else ():
         gone = "" if of["died_out"] is None else f" (died out at tick {of['died_out']:,})"
-        print(f"{name}: {of['end']} alive{gone}, {of['mean']:.1f} on average, from {of['least']} to {of['most']}")
+        drive, own = summary["species_drive"][name], summary["species_own_drive"][name]
+        felt = f" (own drive {_figure(own)})" if own != drive else ""
+        print(
+            f"{name}: {of['end']} alive{gone}, {of['mean']:.1f} on average, from {of['least']} to {of['most']}; "
+            f"mean drive {_figure(drive)}{felt}"
+        )
+    for name, of in summary["measures"].items():
+        known = [_figure(of[key]) for key in ("mean", "least", "most", "end")]
+        print(f"{name}: {known[0]} on average, from {known[1]} to {known[2]}, {known[3]} at the end")
     watch = f"ecology view {folder}   or   " if (folder / _run.RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
 
 
 def _figure(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+    return "-" if value is None or not math.isfinite(value) else f"{value:.3f}"
 
 
 # ---- fork ------------------------------------------------------------------------------------
@@ -556,12 +604,29 @@ def sweep(
     out: Annotated[Path | None, typer.Option(help="Folder of the sweep.", show_default="runs/sweep-SCENARIO")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time.", show_default="one a CPU")] = None,
     ray: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Live on a Ray cluster; `local` starts one here.")
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."
+        ),
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="cpu")
+    ] = None,
+    gpus: Annotated[
+        float | None,
+        typer.Option("--gpus-per-run", min=0.0, help="GPUs of a run on Ray.", show_default="1 with --device cuda"),
+    ] = None,
+    memory: Annotated[
+        float | None, typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory of a run on Ray.")
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
     evaluate: Annotated[
         bool, typer.Option("--evaluate", help="Measure what each has learned, as `ecology evaluate` does.")
     ] = False,
+    show: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN", help="Column of sweep.parquet to print and draw.", show_default="the drive"),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
@@ -571,29 +636,45 @@ def sweep(
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = _sweep.cells_of(
         scenario, out, seeds=_sweep.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
-        ticks=ticks, record=record,
+        ticks=ticks, record=record, device=device,
     )  # fmt: skip
+    gpus = _sweep.gpus_per_run(ray, device, gpus, memory)
     for cell in cells:
         _sweep.check(cell)
     _sweep.check_folder(out, cells)
-    Run(cells[0].plan, cells[0].folder)  # what no run can live with is told once, and now
+
+    def built(cell: _sweep.Cell) -> Run:
+        plan = cell.plan if ray is None else dataclasses.replace(cell.plan, device="cpu")  # the device is elsewhere
+        return Run(plan, cell.folder)
+
+    first = built(cells[0])  # what no run can start with is reported once, and now
+    _sweep.check_shown(show or (), cells, lambda cell: (first if cell is cells[0] else built(cell)).summary())
     outcomes = [_sweep.Outcome(cell, _sweep.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
+    attempt: _sweep.Attempt = _sweep.by_process
+    count: Callable[[], int] = _cpus
+    if ray is not None and waiting:
+        attempt, count = _sweep.by_ray(ray, gpus=gpus, memory=memory or 0.0)
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
-    console, what = Console(stderr=True, quiet=quiet), cells[0].measure.replace("_", " ")
-    with _run.held(out), _bar(console, len(cells), len(outcomes)) as show:
-        attempt, count = (_sweep.by_process, _cpus()) if ray is None or not waiting else _sweep.by_ray(ray)
+    console = Console(stderr=True, quiet=quiet)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_run.held(out))
+        advance = stack.enter_context(_bar(console, len(cells), len(outcomes)))
 
         def tell(outcome: _sweep.Outcome, running: int) -> None:
             outcomes.append(outcome)
-            drive = None if outcome.summary is None else outcome.summary[outcome.cell.measure]
-            console.print(f"{outcome.cell.name}: {outcome.failed or f'{what} {_figure(drive)}'}", highlight=False)
-            show(f"{running} under way")
+            said = outcome.failed
+            if outcome.summary is not None:
+                told = _sweep.rows_of([outcome])[0]
+                columns = _sweep.columns_of([outcome], show or ())
+                said = ", ".join(f"{_sweep.label(column)} {_figure(told.get(column))}" for column in columns)
+            console.print(f"{outcome.cell.name}: {said}", highlight=False)
+            advance(f"{running} under way")
 
         try:
-            _sweep.live(waiting, attempt, workers or count, tell)
+            _sweep.live(waiting, attempt, count if workers is None else lambda: workers, tell)
         except StoppedError as stopped:
             if not quiet:
                 print(f"stopped by {stopped}; go on with the same command")
@@ -602,10 +683,11 @@ def sweep(
             done = [outcome for outcome in outcomes if outcome.summary is not None]
             left = [_sweep.Outcome(cell, _sweep.lived(cell)) for cell in cells if _sweep.finished(cell) is None]
             unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows
+            columns = _sweep.columns_of(done, show or ())
             with writable(out):
-                written = _sweep.sum_up(out, [*done, *unmeasured], title=Path(scenario).stem)
+                written = _sweep.sum_up(out, [*done, *unmeasured], Path(scenario).stem, columns)
             if not quiet:
-                _say_sweep(_sweep.points(done), what)
+                _say_sweep({_sweep.label(column): _sweep.points(done, column) for column in columns})
                 print(
                     f"{len(done)} of {len(cells)} runs are whole. Written: {', '.join(map(str, written)) or 'nothing'}"
                 )
@@ -638,15 +720,16 @@ def _bar(console: Console, total: int, done: int) -> Iterator[Callable[[str], No
         yield lambda words: bar.update(task, advance=1, description=words)
 
 
-def _say_sweep(found: Sequence[Any], what: str) -> None:
-    """Print the drives of a sweep as a table."""
-    if found:
-        table = Table(*(axis.removeprefix("set.") for axis in found[0].varied), "runs", what, "95 % interval")
-        for point in found:
-            interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
-            words = map(str, (*point.varied.values(), point.runs))
-            table.add_row(*words, _figure(point.mean), interval)
-        Console().print(table)
+def _say_sweep(found: Mapping[str, Sequence[Any]]) -> None:
+    """Print the means of a sweep, a table for every name in `found`."""
+    for name, points in found.items():
+        if points:
+            table = Table(*(axis.removeprefix("set.") for axis in points[0].varied), "runs", name, "95 % interval")
+            for point in points:
+                interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
+                words = map(str, (*point.varied.values(), point.runs))
+                table.add_row(*words, _figure(point.mean), interval)
+            Console().print(table)
 
 
 # ---- bench -----------------------------------------------------------------------------------
@@ -778,6 +861,7 @@ def evaluate(
             name=it.plan.learners[learner.group.name].name,
             device=device,
             home=None if world is it.scenario else it.scenario,
+            lived=evaluation.Lived(*it.tally.drives(learner.group.name)),
             tell=tell,
         )
         tell("figures")
@@ -807,20 +891,27 @@ def _elsewhere(it: Run, species: str, scenario: str | None, changes: Sequence[st
 def _say_findings(report: Mapping[str, Any]) -> None:
     """Print an evaluation as tables."""
     console = Console()
+    owns = report.get("mean_own_drive", {})
+    feels = any(own["mean"] != report["mean_drive"][name]["mean"] for name, own in owns.items())
     drives = Table(
         "",
         "mean drive",
         "95 % interval",
+        *(["mean own drive", "95 % interval"] if feels else []),
         title=f"{report['scenario']}, {report['ticks']:,} ticks, on {report['device']}",
     )
     known = {name: drive for name, drive in report["mean_drive"].items() if drive["mean"] is not None}
     for name, drive in sorted(known.items(), key=lambda item: item[1]["mean"]):
-        interval = f"{drive['low']:.3f} to {drive['high']:.3f}" if drive["blocks"] > 1 else "-"
-        drives.add_row(name, _figure(drive["mean"]), interval, style="bold" if name == "learned" else None)
+        words = []
+        for each in (drive, owns[name]) if feels else (drive,):
+            interval = f"{each['low']:.3f} to {each['high']:.3f}" if each["blocks"] > 1 else "-"
+            words += [_figure(each["mean"]), interval]
+        drives.add_row(name, *words, style="bold" if name == "learned" else None)
     console.print(drives)
     gap = report["closed_gap"]
     if gap is not None:
         console.print("worse than camping" if gap < 0 else f"{gap:.0%} of the way from camping to the planner")
+    _say_lives(console, report)
     maps, probe = report["deviation_maps"] or {}, report["probe"]
     if maps or probe:
         needs = Table("need", "minimum of J to resource", "rank correlation", "eaten first")
@@ -838,6 +929,35 @@ def _say_findings(report: Mapping[str, Any]) -> None:
             console.print(
                 f"J against measured drive, {name.replace('_', ' ')}: correlation "
                 f"{_figure(check['correlation'])}, bias {_figure(check['bias'])}",
+                highlight=False,
+            )
+
+
+def _say_lives(console: Console, report: Mapping[str, Any]) -> None:
+    """Print how the run went, the worst block of the evaluated life, and where the agents were stuck."""
+    lived, below = report["as_lived"], report["regulated"]["below"]
+    if lived is not None:
+        text = f"as lived: mean drive {_figure(lived['mean_drive_last_tenth'])} in the last tenth"
+        if below is not None:
+            since = lived["regulated_from"]
+            then = (
+                f"never stays below {below:.2f}" if since is None else f"stays below {below:.2f} from tick {since:,} on"
+            )
+            text += f"; its running mean over {lived['window']:,} ticks {then}"
+        console.print(text, highlight=False)
+    for name, words in (("learned", "frozen life"), ("learned_epsilon_0", "frozen life, epsilon 0")):
+        worst, sinks = report["worst_block"][name], report["stuck"][name] or []
+        if worst is not None:
+            console.print(
+                f"{words}: worst 1,000 ticks from tick {worst['from']:,}, mean drive {worst['mean']:.2f}; "
+                + (f"stuck {len(sinks)} times" if sinks else "never stuck"),
+                highlight=False,
+            )
+        for sink in sinks[:3]:
+            x, y = sink["place"]
+            console.print(
+                f"  ticks {sink['from']:,} to {sink['to']:,} at ({x:.2f}, {y:.2f}): {sink['action']} in "
+                f"{sink['share_of_action']:.0%}, mean drive {sink['mean_drive']:.2f}",
                 highlight=False,
             )
 
@@ -863,12 +983,87 @@ def reproduce(
         list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results, listed below.", show_default="all")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
+    seeds: Annotated[
+        str | None, typer.Option(metavar="FIRST:END", help="Seeds of `minds`, END excluded.", show_default="0:32")
+    ] = None,
+    ticks: Annotated[
+        int | None, typer.Option(min=1, help="Length of each training run of `minds`.", show_default="60000")
+    ] = None,
+    life: Annotated[
+        int | None, typer.Option(min=1, help="Length of each frozen life of `minds`.", show_default="20000")
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of the runs of `minds`.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that measure `minds`.", show_default="one per CPU")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
     from scenarios import _reproduce  # slow to load
 
     cases = _reproduce.chosen(names or ())
+    minds = bool(names) and "minds" in [case.name for case in cases]
+    for option, value in (("seeds", seeds), ("ticks", ticks), ("life", life), ("set", set_), ("workers", workers)):
+        if value and not minds:
+            raise EcologyError(f"--{option} is an option of `ecology reproduce minds`; name minds, or drop --{option}.")
+    check_writable(out)  # what cannot be kept is told before the long part
+    others = [case for case in cases if not (minds and case.name == "minds")]
+    if minds:
+        _measure_minds(out, seeds or "0:32", ticks, life, _pairs("--set", set_, _setting), workers or _cpus(), quiet)
+    if others:
+        _certify(others, out, quiet)
+
+
+def _measure_minds(
+    out: Path, seeds: str, ticks: int | None, life: int | None, settings: Mapping[str, Any], workers: int, quiet: bool
+) -> None:
+    """Train and measure many seeds of `paper`, each in a process, and print what must hold beside what was found."""
+    from scenarios import _minds, _sweep
+
+    jobs = _minds.jobs(out, _sweep.seeds_of(seeds), ticks or _minds.TRAINED, life or _minds.LIFE, settings)
+    waiting = [job for job in jobs if not _minds.is_done(job.folder, job.life)]
+    check_writable(jobs[0].folder)
+    console, began, failed = Console(stderr=True, quiet=quiet), time.monotonic(), list[str]()
+    left = sum(map(_minds.seconds, waiting)) / min(workers, max(len(waiting), 1))
+    console.print(
+        f"minds: {len(jobs)} seeds, {len(waiting)} of them to measure; {_long(left) if waiting else 'done'}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    over = 0
+
+    def tell(result: tuple[_minds.Job, str], _: int) -> None:
+        nonlocal over
+        job, fault = result
+        over += 1
+        if fault:
+            failed.append(f"seed {job.seed}: {fault}")
+        told = fault or _minds.line(job)
+        more = len(waiting) - over
+        then = _long((time.monotonic() - began) / over * more) + " left" if more else "done"
+        console.print(f"{over} of {len(waiting)}  seed {job.seed}: {told}; {then}", highlight=False, soft_wrap=True)
+
+    try:
+        _sweep.schedule(waiting, _minds.work, lambda: workers, tell)
+    except StoppedError:
+        console.print(f"stopped; what is done is kept in {out}, the same command resumes", soft_wrap=True)
+        raise
+    finally:
+        done = [job for job in jobs if _minds.is_done(job.folder, job.life)]
+        if done:
+            text, written = _minds.write(out, done)
+            if not quiet:
+                print(f"{text}\nwritten: {', '.join(map(str, written))}")
+    if failed:
+        raise EcologyError(f"{len(failed)} of {len(jobs)} seeds were not measured. {' '.join(failed)}")
+
+
+def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
+    """Do the parts of cases that are not done, and write and print their rows."""
+    from scenarios import _reproduce
+
     ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
     work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
     for case in cases:
@@ -917,6 +1112,10 @@ def view(
     serve: Annotated[
         bool, typer.Option("--serve", help="Show it in a browser, where a click brings an agent into focus.")
     ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of the page for --serve.", show_default="9090, or one that is free"),
+    ] = None,
     screenshot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
     ] = None,
@@ -925,6 +1124,7 @@ def view(
     """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
     if tick is not None and screenshot is None:
         raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
+    _check_port(port, serve=serve)
     if serve and screenshot is not None:
         raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
     from ecology.observers import viewer  # only here is a viewer looked for
@@ -944,7 +1144,7 @@ def view(
         if serve:
             from ecology.observers.page import Page
 
-            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=viewer.WEB_PORT)
+            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=_web_port(port))
             stack.callback(page.close)
             print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
             with contextlib.suppress(KeyboardInterrupt):

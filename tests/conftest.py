@@ -15,8 +15,41 @@ from ecology import Arena, Ecology, Need, Resource, Scenario, Species, Tick, con
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Know how to renew golden trajectories."""
+    """Add the options of these tests."""
     parser.addoption("--golden", action="store_true", help="write golden trajectories that are missing or have changed")
+    parser.addoption(
+        "--luck",
+        type=int,
+        default=0,
+        metavar="N",
+        help="mix N into every random seed; a test that fails now depends on the luck of its seed",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Mix the number that `--luck` gives into every seed that is made from now on in this process."""
+    luck = config.getoption("--luck")
+    if not luck:
+        return
+    plain, default_rng = np.random.SeedSequence, np.random.default_rng
+
+    class SeedSequence(plain):  # type: ignore[valid-type, misc]
+        def __init__(self, entropy: Any = None, **words: Any) -> None:
+            mixed = entropy is None or (isinstance(entropy, tuple) and entropy[-1:] == (luck,))
+            super().__init__(entropy if mixed else (entropy, luck), **words)
+
+    def mixed_rng(seed: Any = None) -> np.random.Generator:
+        whole = isinstance(seed, (plain, np.random.BitGenerator, np.random.Generator, type(None)))
+        return default_rng(seed if whole else SeedSequence(seed))
+
+    np.random.SeedSequence, np.random.default_rng = SeedSequence, mixed_rng  # type: ignore[misc, assignment]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print the seed of the order, which pytest-randomly prints only in a longer report."""
+    seed = config.getoption("randomly_seed", None)
+    if seed is not None and config.getoption("randomly_reorganize"):
+        terminalreporter.write_line(f"random order; to repeat it: pytest --randomly-seed={seed}")
 
 
 @pytest.fixture

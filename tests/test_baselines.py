@@ -13,7 +13,8 @@ from agents import loop, planner
 from agents.base import Transition
 from agents.baselines import Greedy, Random, Rest
 from agents.evaluation import mean_drive
-from agents.planner import Camping, Paths, Planner, gauge, rounds
+from agents.movements import adaptive
+from agents.planner import Camping, Exploring, Paths, Planner, gauge, rounds
 from ecology import Arena, Ecology, EcologyError, Need, consume, rest
 
 SEED = np.random.SeedSequence(3)
@@ -89,7 +90,7 @@ def test_greedy_becomes_what_its_state_says(room):
     first, second = Greedy(group, SEED), Greedy(group, np.random.SeedSequence(9))
     zeta, masks = np.zeros((4, 4), np.float32), np.ones((4, 5), bool)
     after = zeta + np.array([0.1, 0, 0, 0], np.float32)
-    first.learn(Transition(zeta, masks, np.arange(4), after, masks, np.array([True, True, True, False])))
+    first.learn(Transition(zeta, masks, np.arange(4), after, masks, np.arange(4) < 3, np.arange(4) == 3))
     assert first.met.sum() == 3  # the dead learn nothing
     second.restore(*first.state())
     for _ in range(20):
@@ -205,3 +206,59 @@ def test_a_species_that_cannot_make_rounds_is_refused(room):
     scenario = room(actions=(rest(), consume("berries", {"food": 0.1})), position=(5.0, 5.0))
     with pytest.raises(EcologyError, match="planner needs a species that moves"):
         Planner(Ecology(scenario).groups["agent"], SEED, scenario)
+
+
+# ---- exploring ---------------------------------------------------------------------------
+
+
+def test_a_planner_that_never_explores_is_the_planner(quick):
+    """With epsilon 0 every action is that of the planner itself."""
+    scenario = scenarios.load("paper")
+    inner = Planner(Ecology(scenario).groups["agent"], SEED, scenario)
+    bare = mean_drive(scenario, inner, 1500, 0, skip=0)
+    exploring = Exploring(inner, adaptive(inner.group, bearings=True), 0.0)
+    np.testing.assert_array_equal(mean_drive(scenario, exploring, 1500, 0, skip=0), bare)
+
+
+class Waits(Rest):
+    """Stand in for a yardstick: rests, and notes whose way was lost."""
+
+    def lose_way(self, slots):
+        """Count the explored movements that ended."""
+        self.lost = getattr(self, "lost", 0) + len(slots)
+
+
+def test_an_exploring_yardstick_explores_as_a_learner_does(room):
+    """Of decisions a share of epsilon is explored, each for the length of its movement, all with the same time."""
+    scenario = room(count=400)
+    env = Ecology(scenario)
+    group = env.groups["agent"]
+    moves = adaptive(group, bearings=True)
+    masks = np.tile(~np.isin(group.kinds, ("go_to", "sleep")), (group.size, 1))  # others last as long as they say
+    open_ = moves.open(masks)[0]
+    mind = Exploring(Waits(group, SEED), moves, 0.2, SEED)
+    explored, ticks = np.zeros(len(moves.names)), 400
+    for _ in range(ticks):
+        actions = mind.act(np.zeros((group.size, 4), np.float32), masks)
+        under_way = mind.movement >= 0
+        explored += np.bincount(mind.movement[under_way], minlength=len(moves.names))
+        assert (actions[under_way] == moves.action[mind.movement, mind.stage][under_way]).all()
+    # a decision of its own is a rest: time shares are 0.2 l and 0.8 rest, l the mean length of what is explored
+    length = open_.sum() / np.sum(1 / moves.length[open_])
+    pause = moves.length[list(moves.names).index("rest")]
+    expected = 0.2 * length / (0.2 * length + 0.8 * pause)
+    assert explored.sum() / (ticks * group.size) == pytest.approx(expected, rel=0.1)
+    assert explored[~open_].sum() == 0
+    np.testing.assert_allclose(explored[open_] / explored.sum(), 1 / open_.sum(), rtol=0.15)
+    assert mind.inner.lost > 0
+
+
+def test_movements_are_explored_for_the_same_time():
+    """The chance of an open movement is inverse to its length; one that is closed is never drawn."""
+    moves = adaptive(Ecology(scenarios.load("paper")).groups["agent"], bearings=True)
+    open_ = np.ones((40_000, len(moves.names)), bool)
+    open_[:, 3] = False
+    drawn = moves.explore(open_, np.random.default_rng(0).random(40_000))
+    time = np.bincount(drawn, minlength=len(moves.names)) * moves.length
+    assert time[3] == 0
+    np.testing.assert_allclose(np.delete(time, 3) / time.sum(), 1 / (len(moves.names) - 1), rtol=0.12)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from worlds import kind, square, start
 
 import agents
 import scenarios
@@ -14,7 +15,7 @@ from agents import kernels, loop
 from agents.base import Learner, Transition, drive_terms
 from agents.baselines import Greedy
 from agents.hjb import HJB
-from ecology import Ecology, EcologyError, Tick
+from ecology import Ecology, EcologyError, Group, Need, Neighbours, Tick, bite
 
 SEED = np.random.SeedSequence(5)
 SMALL = {"width": 16, "batch": 16, "batch_f": 16, "place_cells": 8, "memory": 200, "inherit": True}
@@ -177,6 +178,80 @@ def test_the_loop_tells_of_births_by_rows_of_the_species() -> None:
     loop.run(env, learners, env.reset_arrays(0), 1)
     assert told == [("born", [1], [-1]), ("died", [0], []), ("born", [1, 2], [0, -1])]
     assert alive == [[True, False], [False, False, False]]
+
+
+class Notes(Learner):
+    """An agent that always takes its action of the given index and keeps every transition."""
+
+    def __init__(self, group: Group, action: int) -> None:
+        super().__init__(group, SEED)
+        self.action, self.kept = action, list[Transition]()
+
+    def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        """Return the action for everyone."""
+        return np.full(self.size, self.action)
+
+    def learn(self, transition: Transition) -> None:
+        """Keep the transition."""
+        self.kept.append(transition)
+
+
+def hunted(sheep: int = 2, **bites: object) -> tuple[Ecology, Notes, Tick]:
+    """Return a wolf that bites, and sheep that rest, see it and starve at 0; the last sheep is out of its reach."""
+    food = Need(name="food", set_point=2.0, decay=0.25, bounds=(0.0, 4.0), lethal=True)
+    words = {"needs": (food,), "neighbours": (Neighbours(species=("wolf",)),)}
+    act = bite("sheep", reach=1.0, **bites)
+    env = start(
+        square(kind("sheep", count=sheep, **words), kind("wolf", act)),
+        position=[[2.0, 2.0 + i] for i in range(sheep - 1)] + [[7.0, 7.0], [2.0, 2.5]],
+    )
+    notes = Notes(env.groups["sheep"], env.groups["sheep"].actions.index("rest"))
+    wolf = Notes(env.groups["wolf"], env.groups["wolf"].actions.index("bite_sheep"))
+    return env, notes, loop.run(env, {"sheep": notes, "wolf": wolf}, env.put(), 1)
+
+
+def test_a_fatal_tick_reaches_the_learner() -> None:
+    """A bite takes 5 of 2 units: the dead agent's needs stand at their bound, and it still sees what killed it."""
+    env, notes, tick = hunted(damage={"food": 5.0})
+    (fatal,) = notes.kept
+    assert fatal.died.tolist() == tick.died[:2].tolist() == [True, False]
+    assert fatal.alive.tolist() == [False, True]
+    names = env.groups["sheep"].layout.names
+    assert names[:2] == ("food", "x")
+    assert fatal.next_observations[:, 0].tolist() == [-2.0, -0.25]
+    assert notes.drive(fatal.next_observations)[0] == pytest.approx(2.0, abs=1e-3)
+    seen = names.index("wolf_1_distance")
+    assert fatal.observations[0, seen] == fatal.next_observations[0, seen] == 0.5
+    assert np.array_equal(fatal.next_observations[1], tick.observations["sheep"][1])
+    assert tick.reward[0] == 0.0  # the account and the reward of a death are as they were
+    loop.run(env, {"sheep": notes, "wolf": Notes(env.groups["wolf"], 0)}, tick, 1)
+    assert not notes.kept[1].died.any()  # one dies once
+    assert notes.kept[1].alive.tolist() == [False, True]
+
+
+@pytest.mark.parametrize(("damage", "left"), [(None, -0.25), ({"food": 2.5}, -2.0)])
+def test_the_needs_at_death_are_those_of_the_fatal_tick(damage, left) -> None:
+    """A kill without damage leaves the tick's decay alone; a wound stops at the bound."""
+    _, notes, _ = hunted(damage=damage)
+    assert notes.kept[0].next_observations[0, 0] == pytest.approx(left)
+
+
+def test_a_need_that_is_not_finite_at_death_is_shown_as_before() -> None:
+    """What a body ran away to is no observation: the need before the tick stands in its place."""
+    env, _, tick = hunted(damage={"food": 5.0})
+    env._show_fatal(tick, np.full((3, 1), np.nan))
+    assert tick.observations["sheep"][0, 0] == 0.0
+
+
+def test_a_starving_agent_sees_its_last_tick() -> None:
+    """Starved after eight ticks of a quarter of a unit, its last observation stands at the bound."""
+    env, notes, tick = hunted(sheep=3, chance=0.0)
+    loop.run(env, {"sheep": notes, "wolf": Notes(env.groups["wolf"], 0)}, tick, 9)
+    died = np.array([t.died for t in notes.kept])
+    assert died.sum(axis=0).tolist() == [1, 1, 1]
+    at = int(died[:, 0].argmax())
+    assert notes.kept[at].observations[0, 0] == -2.0
+    assert notes.kept[at].next_observations[:, 0].tolist() == [-2.0] * 3
 
 
 def test_a_newborn_greedy_agent_has_met_nothing(room) -> None:

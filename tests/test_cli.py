@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import http.client
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -18,8 +19,9 @@ import pytest
 
 import agents
 import scenarios
-from ecology import EcologyError, errors
+from ecology import EcologyError, __version__, errors
 from scenarios import cli
+from scenarios._values import read_value
 from scenarios.cli import main
 
 Command = Callable[..., tuple[int, str, str]]
@@ -505,18 +507,41 @@ def test_view_saves_a_screenshot(ecology: Command, monkeypatch: pytest.MonkeyPat
     assert drawn == [((Path("mine"), Path("new.png")), {"tick": 5})]
 
 
-def test_a_port_for_browsers_that_is_taken_is_an_error(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    """--serve where browsers cannot be served gives exit code 2, and no folder."""
+def test_serving_twice_takes_other_ports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Where the usual ports are taken by another run, free ones are used."""
     from ecology.observers import viewer
 
     with socket.socket() as taken:
         taken.bind((viewer.LOOPBACK, 0))
         taken.listen()
-        monkeypatch.setattr(viewer, "WEB_PORT", taken.getsockname()[1])
+        port = taken.getsockname()[1]
+        assert viewer.preferred_port(viewer.LOOPBACK, port) not in (0, port)
+        monkeypatch.setattr(viewer, "WEB_PORT", port)
+        audience = cli.Audience("rerun+http://127.0.0.1:1/proxy", cli.Wishes(tmp_path), view=False, serve=True)
+        assert audience.port not in (None, 0, port)
+
+
+def test_a_port_needs_something_to_serve(short: Command) -> None:
+    """--port without --serve gives exit code 2."""
+    code, _, err = short("paper", "--port", "9000")
+    assert (code, err) == (2, "ecology: --port requires --serve.\n")
+
+
+def test_a_port_for_browsers_that_is_taken_is_an_error(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A --port that is taken gives exit code 2, names the option, and leaves no folder."""
+    from ecology.observers import viewer
+
+    with socket.socket() as taken:
+        taken.bind((viewer.LOOPBACK, 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
         monkeypatch.setattr(viewer, "SERVE_PORT", 0)
-        code, _, err = ecology("run", "paper", "--ticks", "20", "--learner", "random", "--serve", "--out", "mine")
+        code, _, err = ecology(
+            "run", "paper", "--ticks", "20", "--learner", "random", "--serve", "--port", port, "--out", "mine"
+        )
     assert code == 2
     assert "cannot serve" in err
+    assert "give another with --port" in err
     assert not Path("mine").exists()
 
 
@@ -667,3 +692,163 @@ def test_a_page_that_cannot_be_served_stops_no_run(
     assert [record.getMessage() for record in caplog.records].count(
         "the viewer for browsers cannot be started (gone). The run goes on."
     ) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("True", True),
+        ("false", False),
+        (".003", 0.003),
+        ("5.", 5.0),
+        ("-.5e3", -500.0),
+        ("None", None),
+        ("[.5, True]", [0.5, True]),
+        ("(1, 2)", (1, 2)),
+        (" 3 ", 3),
+        ("'3'", "3"),
+        ("committed", "committed"),
+        ("1,2", "1,2"),
+        ("2026-11-28", "2026-11-28"),
+        ("1+2j", "1+2j"),
+        ("a\nother = 2", "a\nother = 2"),
+        ("[" * 5000, "[" * 5000),
+        ("", ""),
+    ],
+)
+def test_a_value_is_read_as_toml_or_python(text: str, value: object) -> None:
+    """Numbers, truth values, lists and None are read in either spelling; whatever else there is is a word."""
+    assert repr(read_value(text)) == repr(value)
+
+
+OPTIONAL = """
+from ecology import Arena, Need, Scenario, Species, rest
+
+def build(n=None, heading=False, decay=0.01):
+    agent = Species(name="agent", needs=(Need(name="food", set_point=2.0, decay=decay),), actions=(rest(),))
+    assert n is None or n == 3, n
+    return Scenario(name="world", arena=Arena(vertices=((0, 0), (4, 0), (4, 4), (0, 4))), species=(agent,))
+"""
+
+
+def test_settings_in_the_spelling_of_python(short: Command) -> None:
+    """Of a run, --set takes True, .003 and None; None for a number is refused, that of a learner too."""
+    Path("world.py").write_text(OPTIONAL)
+    words = ("--set", "n=None", "--set", "heading=True", "--set", "decay=.003")
+    assert short("world.py", *words, "--out", "a")[0] == 0
+    settings = tomllib.loads(Path("a/config.toml").read_text())["settings"]
+    assert settings == {"heading": True, "decay": 0.003}
+    code, _, err = short("world.py", "--set", "decay=None", "--out", "b")
+    assert (code, "got None" in err) == (2, True)
+    code, _, err = short("world.py", "--learner", "hjb", "--set", "learner.gamma=None", "--out", "b")
+    assert (code, "got None" in err) == (2, True)
+
+
+LONG = "x" * 300
+PATHS = {
+    "out of run": ("run", "paper", "--ticks", "5", "--learner", "random", "--out", LONG),
+    "scenario of run": ("run", f"{LONG}.py"),
+    "scenario by name": ("run", LONG),
+    "learner of run": ("run", "paper", "--learner", f"{LONG}.py"),
+    "config of run": ("run", "--config", LONG),
+    "run to resume": ("run", "--resume", LONG),
+    "scenario of check": ("check", f"{LONG}.py"),
+    "new scenario": ("new", LONG),
+    "out of sweep": ("sweep", "paper", "--ticks", "5", "--learner", "random", "--out", LONG),
+    "scenario of sweep": ("sweep", f"{LONG}.py"),
+    "run to evaluate": ("evaluate", LONG),
+    "run to view": ("view", LONG),
+    "run to film": ("film", LONG),
+    "run to fork": ("fork", LONG, "--at", "5"),
+    "run to focus": ("focus", LONG, "prey_1"),
+    "out of bench": ("bench", "--agents", "1", "--out", LONG),
+    "out of reproduce": ("reproduce", "theory", "--out", LONG),
+}
+
+
+@pytest.mark.parametrize("case", PATHS)
+def test_a_path_that_no_system_takes_is_one_clear_error(ecology: Command, case: str) -> None:
+    """A name of 300 characters gives exit code 2 and one message wherever a path is given."""
+    code, _, err = ecology(*PATHS[case])
+    assert code == 2
+    assert LONG in err
+    assert "Traceback" not in err
+
+
+def test_a_folder_that_nobody_may_enter_is_one_clear_error(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the system forbids to look into a folder, the message names it and the cause."""
+    real = os.stat
+
+    def refuse(path: Any, *words: Any, **more: Any) -> os.stat_result:
+        if "closed" in str(path).split(os.sep)[:-1]:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return real(path, *words, **more)
+
+    monkeypatch.setattr(os, "stat", refuse)
+    for words in (
+        ("run", "paper", "--ticks", "5", "--learner", "random", "--out", "closed/mine"),
+        ("run", "closed/mine.py"),
+        ("run", "--resume", "closed/mine"),
+        ("evaluate", "closed/mine"),
+        ("view", "closed/mine"),
+        ("sweep", "paper", "--ticks", "5", "--learner", "random", "--out", "closed/mine"),
+    ):
+        code, _, err = ecology(*words)
+        assert (code, "Permission denied" in err, "Traceback" in err) == (2, True, False), (words, err)
+
+
+def test_the_version_is_printed(ecology: Command) -> None:
+    """`ecology --version` prints the version of the package."""
+    assert ecology("--version") == (0, f"ecology {__version__}\n", "")
+
+
+def test_the_package_is_the_command(tmp_path: Path) -> None:
+    """`python -m ecology` is the command line, wherever it is started."""
+    done = subprocess.run(
+        [sys.executable, "-m", "ecology", "--version"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"ecology {__version__}\n", "")
+
+
+def test_a_shell_completes_commands(tmp_path: Path) -> None:
+    """The completion that a shell asks for names commands."""
+    env = {**os.environ, "_ECOLOGY_COMPLETE": "complete_bash", "COMP_WORDS": "ecology sw", "COMP_CWORD": "1"}
+    code = "import sys; sys.argv[0] = 'ecology'; from scenarios.cli import main; main([])"
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["sweep"], done.stderr
+
+
+TWO = "from tools import DECAY\n" + OPTIONAL.replace("decay=0.01", "decay=DECAY")
+
+
+def test_a_scenario_may_be_several_files(short: Command, tmp_path: Path) -> None:
+    """A scenario imports from files beside it, wherever it is; two of them may use one name for different files."""
+    for folder, decay in (("one", 0.25), ("two", 0.5)):
+        Path(folder).mkdir()
+        Path(folder, "mine.py").write_text(TWO)
+        Path(folder, "tools.py").write_text(f"DECAY = {decay}\n")
+    try:
+        for folder, decay in (("one", 0.25), ("two", 0.5), ("one", 0.25)):
+            assert scenarios.settings(f"{folder}/mine.py")["decay"] == decay
+        assert short("two/mine.py", "--out", "run")[0] == 0
+        assert tomllib.loads(Path("run/config.toml").read_text())["settings"]["decay"] == 0.5
+    finally:
+        sys.modules.pop("tools", None)
+        sys.path[:] = [entry for entry in sys.path if not entry.startswith(str(tmp_path))]
+
+
+def test_a_learner_may_be_several_files(short: Command, tmp_path: Path) -> None:
+    """A learner imports from files beside it, too."""
+    Path("own").mkdir()
+    Path("own/tricks.py").write_text("CHOICE = 0\n")
+    Path("own/mine.py").write_text(
+        "import numpy as np\nfrom agents.base import Learner\nfrom tricks import CHOICE\n\n"
+        "class Mine(Learner):\n    def act(self, observations, masks):\n"
+        "        return np.full(self.size, CHOICE)\n"
+    )
+    try:
+        code, _, err = short("paper", "--learner", "own/mine.py")
+        assert (code, err) == (0, "")
+    finally:
+        sys.modules.pop("tricks", None)
+        sys.path[:] = [entry for entry in sys.path if not entry.startswith(str(tmp_path))]

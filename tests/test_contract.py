@@ -84,6 +84,7 @@ def test_a_rule_that_is_not_pure_is_found(rule):
         "dicts and arrays give one trajectory, births and deaths included",
         "the same seed gives the same life",
         "a snapshot lives on bit for bit",
+        "a copy lives on bit for bit",
     }
     assert "does a rule keep something from tick to tick" in broken["the same seed gives the same life"]
 
@@ -173,7 +174,7 @@ SABOTAGE = {
         lambda *arguments, whole=senses.observe: far_off(whole(*arguments)),
     ),
     "the action mask is honoured": lambda: damaged("step_arrays", first_action),
-    "infos repeat mask, drive and closed actions": lambda: damaged("step", other_drives),
+    "infos tell the drive and closed actions": lambda: damaged("step", other_drives),
     "dicts and arrays give one trajectory, births and deaths included": lambda: damaged("step", other_rewards),
     "a horizon truncates everyone": lambda: damaged("step", never_over),
     "what was handed out stays as it was": lambda: damaged("step_arrays", kept_and_written()),
@@ -185,7 +186,10 @@ SABOTAGE = {
     "a snapshot lives on bit for bit": lambda: damaged(
         "snapshot", lambda it: (it[0] | {"hold": it[0]["hold"] * 0}, it[1])
     ),
-    "nobody leaves the arena": lambda: (
+    "a copy lives on bit for bit": lambda: damaged(
+        "__getstate__", lambda it: it | {"_rng": {name: np.random.default_rng(0) for name in it["_rng"]}}
+    ),
+    "nobody leaves the arena or goes through a wall": lambda: (
         Physics,
         "move",
         lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),

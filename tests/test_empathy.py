@@ -9,7 +9,7 @@ from worlds import BAY, everything, kind, square, start
 
 import ecology
 from agents.base import drive_terms
-from ecology import Arena, EcologyError, Empathy, Need
+from ecology import Arena, Birth, EcologyError, Empathy, Need, contract, physiology
 
 EPSILON = 0.001
 FAR = [[1.0, 1.0], [2.0, 1.0], [7.0, 7.0]]  # two near each other and one far away
@@ -152,10 +152,11 @@ def test_in_sight():
 
 def test_kin():
     """Parent, child and sibling are kin; founders are not, and a slot's former owner leaves no kin behind."""
-    marks = [(0.1 * 3**i, 0.0) for i in range(6)]
+    marks = [(0.025 * 3**i, 0.0) for i in range(6)]
     env = colony(
         *marks,
         empathy=Empathy(weight=1.0, kin=True),
+        birth=Birth(rate=1e-9),
         serial=[0, 1, 7, 8, 9, 12],
         parent=[-1, -1, 0, 0, 7, 3],  # 7 and 8 are children of 0, 9 of 7; the parent of 12, number 3, is long gone
     )
@@ -216,6 +217,74 @@ def test_shuffling_keeps_the_weights_of_all_who_feel(n):
         assert weight.sum(axis=1) == pytest.approx(before.sum(axis=1))
         assert (np.diag(weight) == 0).all()
         assert (weight[:, ~alive] == 0).all()
+
+
+# ---- the coupling that is shown ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("form", "weights"),
+    [
+        ("sum", [[1.0, 0.5, 0.5], [0.5, 1.0, 0.5], [0.5, 0.5, 1.0]]),
+        ("average", [[0.5, 0.25, 0.25], [0.25, 0.5, 0.25], [0.25, 0.25, 0.5]]),
+    ],
+)
+def test_the_coupling_is_what_is_used(form, weights):
+    """In the average form the others have the weight together; one's own weight is on the diagonal in both forms."""
+    env = colony(*[(1.0, 0.0)] * 3, empathy=Empathy(weight=0.5, form=form))
+    found, slots = env.coupling("agent")
+    assert found.tolist() == weights
+    assert slots.tolist() == [0, 1, 2]
+
+
+def test_one_who_feels_nobody_has_all_the_weight_and_the_dead_have_none():
+    """w_ii = 1 where nobody is near; rows and columns of the dead are 0."""
+    env = colony(*MARKS, empathy=Empathy(weight=0.5, form="average", within=2.0), position=FAR)
+    assert env.coupling("agent")[0].tolist() == [[0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]]
+    env.put(alive=[True, False, True])
+    assert env.coupling("agent")[0].tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def test_needs_have_weights_of_their_own():
+    """A need that counts half has half the weight of others; the one that is felt most is shown where none is named."""
+    env = colony(*[(1.0, 0.0)] * 3, empathy=Empathy(weight=0.5, form="average", needs={"food": 0.5}))
+    assert env.coupling("agent", "food")[0][0].tolist() == [0.75, 0.125, 0.125]
+    assert env.coupling("agent", "calm")[0][0].tolist() == [0.5, 0.25, 0.25]
+    assert env.coupling("agent")[0][0].tolist() == [0.5, 0.25, 0.25]
+    with pytest.raises(EcologyError, match=r"no need 'foot'. Did you mean 'food'"):
+        env.coupling("agent", "foot")
+    with pytest.raises(EcologyError, match=r"no species 'agnt'. Did you mean 'agent'"):
+        env.coupling("agnt")
+    assert colony((1.0, 0.0)).coupling("agent") is None
+
+
+def test_the_drive_follows_from_the_coupling():
+    """In a world in which everything happens, the weights that are shown give the drive of all who live."""
+    env, rng = ecology.parallel_env(everything()), np.random.default_rng(0)
+    tick = env.reset_arrays(seed=0)
+    felt_now = dict.fromkeys(env.groups, 0)
+    for _ in range(40):
+        tick = env.step_arrays(contract.choose(env, tick, rng))
+        now, alive = env.state_view, tick.alive
+        delta = physiology.deviation(env._body, now.internal)
+        for group, species in zip(env.groups.values(), env.scenario.species, strict=True):
+            rows = group.slots
+            weight, slots = env.coupling(group.name)
+            felt_now[group.name] += np.count_nonzero(weight) - np.count_nonzero(alive[rows])
+            assert np.array_equal(
+                weight[np.arange(group.size), np.searchsorted(slots, np.arange(rows.start, rows.stop))] > 0, alive[rows]
+            )
+            if species.empathy.form == "sum":
+                drive = weight @ now.own_drive[slots]
+            else:
+                together = np.zeros((group.size, delta.shape[1]))
+                for column, need in enumerate(species.needs):
+                    weight, slots = env.coupling(group.name, need.name)
+                    together[:, column] = weight @ delta[slots, column]
+                    assert weight.sum(axis=1) == pytest.approx(alive[rows].astype(float))
+                drive = physiology.drive(together, env._body.epsilon[rows], env._body.exponent[rows])
+            assert drive[alive[rows]] == pytest.approx(now.drive[rows][alive[rows]], rel=1e-9)
+    assert all(felt_now.values())
 
 
 # ---- what a learner relies on ----------------------------------------------------------------

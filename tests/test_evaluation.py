@@ -129,6 +129,111 @@ def test_a_learner_of_another_world_is_refused(world, room):
         mean_drive(scenario, Rest(world[1], SEED), 10, 0, skip=0)
 
 
+# ---- the course of a life ----------------------------------------------------------------
+
+
+def test_regulated_is_the_first_tick_from_which_the_running_mean_stays_below():
+    """A late relapse puts the tick off; a mean that ends above the bound gives none; blocks count in ticks."""
+    drive = np.repeat([5.0, 1.0], [3000, 7000])
+    assert evaluation.running_mean(drive, 4)[2997:3002].tolist() == [4.0, 3.0, 2.0, 1.0, 1.0]
+    # 5 a + 1 (2000 - a) < 2 * 2000 where a < 500: from 1,501 ticks after the fall on
+    assert evaluation.regulated_from(drive, 2.0) == 4501
+    drive[8000:9000] = 5.0
+    assert evaluation.regulated_from(drive, 2.0) is None
+    assert evaluation.regulated_from(drive[:8000], 2.0) == 4501
+    assert evaluation.regulated_from(np.ones(3000), 2.0) == 2000
+    assert evaluation.regulated_from(np.ones(1999), 2.0) is None
+    blocks = np.repeat([5.0, 1.0], [750, 1750])
+    assert evaluation.regulated_from(blocks, 2.0, span=4) == 4504
+
+
+def test_the_worst_block_is_the_highest_of_whole_blocks():
+    """Blocks are counted from the first tick that is measured; a rest of less than a block does not count."""
+    drive = np.concatenate([np.full(1000, 1.0), np.full(1000, 3.0), np.full(1000, 2.0), np.full(500, 9.0)])
+    assert evaluation.worst_block(drive, skip=100) == {"mean": 3.0, "from": 1100}
+    assert evaluation.worst_block(drive[:999]) is None
+
+
+def recorded(place, actions, drive, born=()):
+    """Return the life of one agent, of which these are known in every tick."""
+    count = len(actions)
+    ones = np.ones((count + 1, 1), bool)
+    newborn = ~ones
+    newborn[list(born)] = True
+    return evaluation.Life(
+        zeta=np.zeros((count + 1, 1, 9)),
+        masks=np.ones((count + 1, 1, 13), bool),
+        drive=np.append(drive[:1], drive)[:, None],
+        own_drive=np.asarray(drive, float)[:, None],
+        alive=ones,
+        born=newborn,
+        position=np.concatenate([place[:1], place])[:, None],
+        actions=np.asarray(actions)[:, None],
+    )
+
+
+def test_a_sink_is_found_where_it_lies(world):
+    """A walk against a wall is a sink, with ticks, place, action and drive; a meal, a low drive or a way on is none."""
+    _, group = world
+    walk, eat = group.actions.index("walk"), group.actions.index("consume_food_1")
+    ticks = np.arange(2000)
+    way = np.stack([0.01 * ticks, np.zeros(2000)], axis=1)  # 10 lengths in 1,000 ticks
+    wall = way.copy()
+    wall[700:1500] = (3.9, 1.1)
+    actions, drive = np.full(2000, walk), np.full(2000, 3.0)
+    actions[::400] = group.actions.index("rest")
+    (sink,) = evaluation.stuck(recorded(wall, actions, drive), group, 2.0)
+    assert sink["place"] == pytest.approx([3.9, 1.1], abs=0.05)
+    assert (sink["action"], sink["mean_drive"], sink["slot"]) == ("walk", 3.0, 0)
+    assert sink["share_of_action"] > 0.99
+    assert abs(sink["from"] - 700) < 5 + 100  # and what was walked just before, within a length
+    assert abs(sink["to"] - 1500) < 5
+    assert evaluation.sinks(recorded(wall, actions, drive), group, 2.0) == [sink]
+    assert not evaluation.stuck(recorded(way, actions, drive), group, 2.0)
+    assert not evaluation.stuck(recorded(wall, actions, drive), group, 3.5)
+    assert not evaluation.stuck(recorded(wall, actions, drive, born=[1100]), group, 2.0)
+    fed = actions.copy()
+    fed[1100] = eat
+    assert not evaluation.stuck(recorded(wall, fed, drive), group, 2.0)
+    (turns,) = evaluation.stuck(recorded(way, np.full(2000, walk), drive), group, 2.0)  # the same action for ever
+    assert (turns["from"], turns["to"]) == (0, 2000)
+
+
+def test_who_sleeps_is_not_stuck(world):
+    """Ticks in which the world leaves no choice do not make a sink."""
+    _, group = world
+    life = recorded(np.zeros((1000, 2)), np.full(1000, group.actions.index("sleep")), np.full(1000, 3.0))
+    assert evaluation.stuck(life, group, 2.0)
+    life.masks[:, :, 1:] = False
+    assert not evaluation.stuck(life, group, 2.0)
+
+
+def test_figures_draw_the_whole_life_and_its_tenants(world):
+    """Curves reach the last tick whatever the length, a short peak included; deaths and new tenants are marked."""
+    scenario = world[0]
+    ticks = 9000
+    place = np.random.default_rng(0).uniform(3, 5, (ticks, 2))
+    drive = np.ones(ticks)
+    drive[8200] = 7.0
+    life = recorded(place, np.zeros(ticks, np.int64), drive, born=[6000])
+    life.alive[8500:] = False
+    died, born = figures.changes_of_tenant(life, 0)
+    assert (died.tolist(), born.tolist()) == ([6000, 8500], [6000])
+    species = scenario.species[0]
+    axes = figures.internal_states(life, scenario, species).axes
+    assert axes[-1].get_xlim() == (0, ticks)
+    curve = next(line for line in axes[-1].lines if line.get_label() == "drive")
+    assert np.nanmax(curve.get_ydata()) == 7.0
+    assert len(curve.get_xdata()) <= figures.POINTS + 2
+    marks = [line.get_xdata()[0] for line in axes[0].lines if len(line.get_xdata()) == 2 and line.get_xdata()[0] > 0]
+    assert sorted(marks) == [6000, 6000, 8500]
+    axis = figures.trajectory(life, scenario, species).axes[0]
+    labels = {text.get_text() for text in axis.get_legend().get_texts()}
+    assert {"death", "new tenant", "birth"} <= labels
+    (path,) = [each for each in axis.collections if type(each).__name__ == "LineCollection"]
+    assert len(path.get_segments()) == 8500 - 2  # all but the two that end in a death
+
+
 # ---- maps and choices --------------------------------------------------------------------
 
 
@@ -247,9 +352,16 @@ def test_evaluation_is_whole_plain_and_drawn(world, monkeypatch, tmp_path):
 
     mind = Known(group, J=lambda zeta: 1.0 + zeta[:, 6] / 10, f=still)
     heard = []
-    found = evaluate(scenario, mind, 0, ticks=400, skip=100, places=1, tell=heard.append)
+    lived = evaluation.Lived(np.repeat([1e6, 0.0], [750, 1250]), span=4)
+    found = evaluate(scenario, mind, 0, ticks=400, skip=100, places=1, lived=lived, tell=heard.append)
     assert set(ABOUT) <= set(found.report)
-    assert set(found.report["mean_drive"]) == {"learned", *evaluation.BASELINES}
+    added = {"learned", "learned_epsilon_0", "planner_exploring"}
+    assert set(found.report["mean_drive"]) == {*added, *evaluation.BASELINES}
+    assert set(found.report["worst_block"]) == set(found.report["stuck"]) == {"learned", "learned_epsilon_0"}
+    below = found.report["regulated"]["below"]
+    assert below == pytest.approx(0.5 * found.report["mean_drive"]["camping"]["mean"])
+    lived = found.report["as_lived"]
+    assert (lived["mean_drive_last_tenth"], lived["regulated_from"]) == (0.0, 4 * 750 + 2000)
     assert heard
     json.dumps(found.report, allow_nan=False)
     paths = figures.draw(tmp_path, scenario, found, group.layout.names)

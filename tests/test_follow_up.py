@@ -119,6 +119,7 @@ def evaluation_transition(before, after, action):
         after.observations["agent"],
         after.masks["agent"],
         np.array([True]),
+        np.array([False]),
     )
 
 

@@ -7,7 +7,9 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
+import typing
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,7 @@ import pytest
 import agents
 import ecology
 import scenarios
+from ecology.env import EnvOptions
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("ecology", "agents", "scenarios")
@@ -67,6 +70,41 @@ def test_an_install_works_away_from_the_checkout(installed: Path) -> None:
     assert all(name in listed for name in scenarios.names())
     _python(installed, "-m", "scenarios.cli", "new", "fresh")
     assert (installed / "fresh.py").is_file()
+
+
+def test_type_checkers_read_the_installed_packages(installed: Path) -> None:
+    """Every package says that it has types, and so that misspelt options are found."""
+    assert all((installed / name / "py.typed").is_file() for name in PACKAGES)
+
+
+def test_the_options_of_parallel_env_are_typed() -> None:
+    """`parallel_env` names the options of `Ecology` to type checkers."""
+    options = typing.get_type_hints(EnvOptions)
+    constructor = typing.get_type_hints(ecology.Ecology.__init__)
+    assert options == {name: kind for name, kind in constructor.items() if name not in ("scenario", "return")}
+    assert typing.get_type_hints(ecology.parallel_env)["options"] == typing.Unpack[EnvOptions]
+
+
+def test_the_source_distribution_holds_what_its_tests_need(tmp_path: Path) -> None:
+    """All tests, documents and the files that they read are in it; of what was made here, nothing."""
+    made = shutil.ignore_patterns("__pycache__", "*.egg-info")
+    source = tmp_path / "source"
+    source.mkdir()
+    top = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md", "constraints.txt",
+           "pyproject.toml")  # fmt: skip
+    folders = (*PACKAGES, "tests", "docs")
+    for name in top:
+        shutil.copy(ROOT / name, source)
+    for name in folders:
+        shutil.copytree(ROOT / name, source / name, ignore=made)
+    build = "from setuptools import build_meta; build_meta.build_sdist('.')"
+    done = subprocess.run([sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (archive,) = source.glob("*.tar.gz")
+    with tarfile.open(archive) as packed:
+        inside = {path.partition("/")[2] for path in packed.getnames()}
+    wanted = {path.relative_to(ROOT).as_posix() for name in folders for path in _files(ROOT / name)}
+    assert {*wanted, *top} - inside == set()
 
 
 def test_the_project_has_its_names_to_itself() -> None:

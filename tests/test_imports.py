@@ -91,6 +91,12 @@ def test_only_the_viewer_imports_rerun():
     assert found == {f"ecology/observers/{name}.py" for name in names}
 
 
+def test_only_one_module_imports_matplotlib():
+    """What draws asks the one module that makes matplotlib load whatever MPLBACKEND says."""
+    found = set().union(*(importing("matplotlib", package) for package in PACKAGES))
+    assert found == {"ecology/observers/plotting.py"}
+
+
 @pytest.mark.parametrize("name", ["scene", "viewer", "census", "frame", "page"])
 def test_the_rest_of_those_who_watch_load_no_viewer(name, tmp_path):
     """Words about what is drawn, and the viewer's process, are to be had without Rerun's library."""

@@ -168,7 +168,10 @@ def test_survival_is_gompertz(rate, ageing, dt):
 
 
 def test_every_death_has_its_cause():
-    """Of a lethal need, a bite, by chance and by the rule; who is bitten while it starves was eaten."""
+    """Of a lethal need, a bite, by chance and by the rule; who is bitten while it starves was eaten.
+
+    The need is named, and the killer; a newborn has neither.
+    """
     lethal = (Need(name="food", set_point=2.0, decay=1.0, bounds=(0.0, 4.0), lethal=True),)
 
     def strike(world, rng):
@@ -179,16 +182,22 @@ def test_every_death_has_its_cause():
     scenario = square(
         kind("wolf", bite("bitten", reach=1.0), count=1, position=(2.0, 2.0)),
         kind("bitten", count=1, position=(2.0, 2.5), needs=lethal),
-        kind("starved", needs=lethal),
+        kind("starved", needs=lethal, capacity=2, arrival=SURE),
         kind("failed", hazard=Hazard(rate=SURE)),
         kind("struck"),
         rule=strike,
     )
-    env = start(scenario, internal=[[2.0], [0.5], [0.5], [2.0], [2.0]])
-    tick = env.step_arrays(ask(env, wolf="bite_bitten"))
-    assert tick.died.tolist() == [False, True, True, True, True]
-    assert [cause(env, slot) for slot in range(5)] == ["alive", "eaten", "need", "hazard", "rule"]
-    assert not rest(env).died.any()  # one dies once
+    env = start(scenario, internal=[[2.0], [0.5], [0.5], [0.0], [2.0], [2.0]])
+    tick, now = env.step_arrays(ask(env, wolf="bite_bitten")), env.state_view
+    assert tick.died.tolist() == [False, True, True, False, True, True]
+    assert [cause(env, slot) for slot in (0, 1, 2, 4, 5)] == ["alive", "eaten", "need", "hazard", "rule"]
+    assert now.fatal_need.tolist() == [-1, -1, 0, -1, -1, -1]
+    assert now.killer.tolist() == tick.killer.tolist() == [-1, 0, -1, -1, -1, -1]
+    tick = rest(env)
+    assert not tick.died[[0, 1, 4, 5]].any()  # one dies once
+    assert (tick.killer == -1).all()
+    assert tick.born[2]
+    assert (env.state_view.fatal_need[2], env.state_view.killer[2]) == (-1, -1)
 
 
 def test_a_dead_row_stays_as_it_was():
@@ -217,7 +226,7 @@ def test_names_never_return_and_entries_come_once(walls):
     alive, dead, born = set(observations), set(), 0
     assert alive == set(infos) == set(env.agents)
     for _ in range(250):
-        asked = {name: int(rng.choice(np.flatnonzero(infos[name]["action_mask"]))) for name in env.agents}
+        asked = {name: int(rng.choice(np.flatnonzero(observations[name]["action_mask"]))) for name in env.agents}
         observations, rewards, terminations, truncations, infos = env.step(asked)
         names = set(observations)
         for other in (rewards, terminations, truncations, infos):

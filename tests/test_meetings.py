@@ -8,7 +8,7 @@ from worlds import BAY, ask, kind, square, start
 
 import ecology
 import scenarios
-from ecology import Arena, Crowding, EcologyError, Need, Outcome, act, bite, give, meetings, move
+from ecology import Arena, Crowding, EcologyError, Need, Outcome, Resource, act, bite, give, meetings, move
 from ecology.actions import compile_actions
 from ecology.state import CAUSES
 
@@ -160,11 +160,28 @@ def test_a_wound_takes_by_the_name_of_the_need():
 
 
 def test_a_wound_beyond_a_lethal_bound_kills():
-    """It dies of its need, on the tick of the bite."""
+    """It dies of the bite, on its tick; the need and the killer are named, as they are when the bite itself kills."""
     needs = (Need(name="food", set_point=2.0, bounds=(0.0, 4.0), lethal=True),)
     env = start(wolves(victims={"needs": needs}, damage={"food": 2.5}), position=[[4.0, 4.0], [4.5, 4.0]])
-    assert env.step_arrays(ask(env, wolf="bite_sheep")).died.tolist() == [False, True]
-    assert CAUSES[env.state_view.cause[1]] == "need"
+    tick, state = env.step_arrays(ask(env, wolf="bite_sheep")), env.state_view
+    assert tick.died.tolist() == [False, True]
+    assert CAUSES[state.cause[1]] == "bitten"
+    assert (state.fatal_need.tolist(), state.killer.tolist(), tick.killer.tolist()) == ([-1, 0], [-1, 0], [-1, 0])
+
+
+def test_a_bite_is_no_cause_of_a_death_that_comes_without_it():
+    """An agent that starves in the tick of a bite died of its need, and nobody killed it."""
+    needs = (
+        Need(name="warmth", set_point=1.0),
+        Need(name="food", set_point=2.0, decay=1.0, bounds=(0.0, 4.0), lethal=True),
+    )
+    env = start(wolves(victims={"needs": needs}, damage={"warmth": 0.1}), position=[[4.0, 4.0], [4.5, 4.0]])
+    internal = env.state_view.internal.copy()
+    internal[1] = 1.0, 0.5
+    env.put(internal=internal)
+    tick, state = env.step_arrays(ask(env, wolf="bite_sheep")), env.state_view
+    assert state.bit[0] == 1
+    assert (CAUSES[state.cause[1]], state.fatal_need[1], state.killer[1], tick.killer[1]) == ("need", 1, -1, -1)
 
 
 def test_two_can_kill_each_other():
@@ -289,29 +306,55 @@ def test_a_rule_sees_the_middle_of_a_tick_in_words():
 
 
 @pytest.mark.parametrize("field", ["position", "internal", "alive", "stock", "serial", "heading"])
-def test_a_rule_cannot_write_into_the_state(field):
-    """What it is shown is read-only."""
+@pytest.mark.parametrize("whole", [False, True], ids=["rows", "field"])
+def test_a_rule_cannot_write_into_the_state(field, whole):
+    """What it is shown is read-only, its arrays and its fields."""
 
     def rule(world, rng):
-        getattr(world.state, field)[:] = 0
+        if whole:
+            setattr(world.state, field, getattr(world.state, field).copy())
+        else:
+            getattr(world.state, field)[:] = 0
         return world.nothing()
 
     with pytest.raises(ValueError, match="read-only"):
         start(ruled(rule)).step_arrays(np.zeros(3, np.int64))
 
 
-def test_a_rule_puts_bodies_but_not_the_dead_and_not_outside():
-    """Outside the arena a body stays where it was and is counted; a dead body lies where it lies."""
+@pytest.mark.parametrize(("walls", "x"), [(True, 1.0), (False, 9.0)])
+def test_a_rule_puts_bodies_but_not_the_dead(walls, x):
+    """A body is where the rule puts it, across the seam of a torus too; a dead body stays where it is."""
 
     def rule(world, rng):
         outcome = world.nothing()
-        outcome.position = np.array([[-1.0, 4.0], [5.0, 5.0], [7.0, 7.0]])
+        outcome.position = np.array([[x, 4.0], [5.0, 5.0], [70.0, 7.0]])
+        assert world.inside(outcome.position).tolist() == [True, True, not walls]
         return outcome
 
-    env = start(ruled(rule), position=[[2.0, 2.0], [4.0, 4.0], [6.0, 6.0]], alive=[True, True, False])
+    bodies = kind("caller", count=2), kind("listener")
+    env = start(square(*bodies, rule=rule, walls=walls), position=[[2.0, 2.0], [4.0, 4.0], [6.0, 6.0]])
+    env.put(alive=[True, True, False])
     env.step_arrays(np.zeros(3, np.int64))
-    assert env.state_view.position.tolist() == [[2.0, 2.0], [5.0, 5.0], [6.0, 6.0]]
-    assert env.state_view.returned == 1
+    assert env.state_view.position.tolist() == [[1.0, 4.0], [5.0, 5.0], [6.0, 6.0]]
+    assert env.state_view.returned == 0
+
+
+def test_a_rule_asks_for_resources_by_name():
+    """The rows of a resource are those of its patches."""
+    shown = []
+
+    def rule(world, rng):
+        shown.append([world.state.stock[world.resource(name)].tolist() for name in ("grass", "pond", "berries")])
+        world.resource("gras")
+
+    patches = (
+        Resource(name="grass", count=2, stock=3.0),
+        Resource(name="pond"),
+        Resource(name="berries", count=3, stock=1.0),
+    )
+    with pytest.raises(EcologyError, match=r"asks for the resource 'gras'. Did you mean 'grass'"):
+        start(square(kind(), resources=patches, rule=rule)).step_arrays(np.zeros(1, np.int64))
+    assert shown == [[[3.0, 3.0], [np.inf], [1.0, 1.0, 1.0]]]
 
 
 def test_a_rule_draws_from_a_stream_of_its_own():
@@ -365,6 +408,10 @@ def outcome_with(**words):
         (outcome_with(killed=np.zeros(3)), "killed must be"),
         (outcome_with(killed=[False] * 3), "killed must be an array"),
         (outcome_with(killed=np.zeros(2, bool)), "killed must be"),
+        (outcome_with(recieved=np.zeros((3, 1))), "no field 'recieved'. Did you mean 'received'"),
+        (outcome_with(stock=np.zeros(1)), "no field 'stock'. Known: given, killed, position, received"),
+        (outcome_with(position=np.array([[4.0, 4.0], [-1.0, 4.0], [5.0, 5.0]])), r"caller_1 at \[-1.0, 4.0\], outside"),
+        (outcome_with(position=np.full((3, 2), 50.0)), "caller_0 at .*world.inside"),
         (lambda world, rng: world.does("caller", "cal"), "asks for the action 'cal'. Did you mean 'call'"),
         (lambda world, rng: world.does("calle", "call"), "asks for the species 'calle'. Did you mean 'caller'"),
         (lambda world, rng: world.column("caller", "foot"), "asks for the need 'foot'. Did you mean 'food'"),
@@ -374,3 +421,18 @@ def test_a_wrong_outcome_is_named(rule, message):
     """What a rule must not return, or asks for in vain, is one clear error."""
     with pytest.raises(EcologyError, match=message):
         start(ruled(rule)).step_arrays(np.zeros(3, np.int64))
+
+
+@pytest.mark.parametrize("word", ["received", "given"])
+def test_units_of_a_need_that_a_species_does_not_have_are_refused(word):
+    """The columns beyond a species' own needs stay at zero."""
+
+    def rule(world, rng):
+        outcome = world.nothing()
+        getattr(outcome, word)[:, 1] = 0.1
+        return outcome
+
+    needs = (Need(name="food", set_point=2.0), Need(name="calm", set_point=1.0))
+    env = start(square(kind("two", needs=needs), kind("one"), rule=rule))
+    with pytest.raises(EcologyError, match=f"{word} .*'one'.*food"):
+        env.step_arrays(np.zeros(2, np.int64))

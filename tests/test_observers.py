@@ -13,6 +13,7 @@ import types
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from worlds import ask, kind, square, start
 
 import agents
 import ecology
@@ -241,6 +242,7 @@ def test_metrics_of_a_stopped_run_can_be_read_and_gone_on_with(tmp_path, monkeyp
     from ecology.observers import recorder
 
     monkeypatch.setattr(recorder, "ROWS", 10)
+    monkeypatch.setattr(recorder, "SECONDS", np.inf)  # a machine may take long to compile
     path = tmp_path / "metrics.parquet"
     live(one(), Recorder(path, every=1), close=False)
     assert not path.exists()
@@ -291,11 +293,100 @@ def test_damaged_metrics_are_one_clear_error(tmp_path, text):
     """Reading them and going on with them names the file, and leaves it and nothing else."""
     path = tmp_path / "metrics.parquet"
     path.write_bytes(text)
-    with pytest.raises(EcologyError, match=r"metrics\.parquet' are damaged"):
+    with pytest.raises(EcologyError, match=r"metrics\.parquet' is damaged"):
         read(path)
-    with pytest.raises(EcologyError, match=r"metrics\.parquet' are damaged"):
+    with pytest.raises(EcologyError, match=r"metrics\.parquet' is damaged"):
         live(one(), Recorder(path, resume=True))
     assert {p: p.read_bytes() for p in tmp_path.iterdir()} == {path: text}
+
+
+class Full:
+    """Stands for a disk that is full from some call on, in the place of a writer of files."""
+
+    def __init__(self, real, calls=0, number=errno.ENOSPC):
+        self.real, self.calls, self.number = real, calls, number
+
+    def __call__(self, *words, **more):
+        self.calls -= 1
+        if self.calls < 0:
+            for path in (word for word in words if isinstance(word, pathlib.Path)):
+                path.write_bytes(b"PAR1 half")
+            raise OSError(self.number, "told by the library in its own words")
+        return self.real(*words, **more)
+
+
+@pytest.mark.parametrize(("number", "cause"), [(errno.ENOSPC, "No space left"), (errno.EROFS, "Read-only")])
+def test_metrics_that_cannot_be_joined_are_not_called_damaged(tmp_path, monkeypatch, number, cause):
+    """A full disk at the end of a run is named as such; every row is kept and joined once there is room."""
+    path = tmp_path / "metrics.parquet"
+    with monkeypatch.context() as full:
+        full.setattr("ecology.observers.recorder._join", Full(None, number=number))
+        with pytest.raises(EcologyError, match=cause) as told:
+            live(one(), Recorder(path, every=1))
+    assert "damaged" not in str(told.value)
+    assert "No row is lost" in str(told.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["metrics.parquet.parts"]
+    assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
+    again = Recorder(path, every=1, resume=True)
+    env = Ecology(one())
+    env.reset_arrays(7)
+    minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
+    run(env, minds, env.reset_arrays(7), TICKS)
+    again.begin(env, minds)
+    again.end()
+    assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_metrics_that_may_not_be_read_are_not_called_damaged(tmp_path, monkeypatch):
+    """A file without permission is named with that cause, and no advice is to move it."""
+    path = tmp_path / "metrics.parquet"
+    live(one(), Recorder(path, every=1))
+    monkeypatch.setattr(pq, "read_table", Full(None, number=errno.EACCES))
+    with pytest.raises(EcologyError, match="Permission denied") as told:
+        read(path)
+    assert not {"damaged", "move"} & set(str(told.value).split())
+
+
+def test_only_the_damaged_part_is_moved_away(tmp_path, monkeypatch):
+    """Of several files the error names the one that is damaged; without it the others are read."""
+    monkeypatch.setattr("ecology.observers.recorder.ROWS", 10)
+    monkeypatch.setattr("ecology.observers.recorder.SECONDS", np.inf)
+    path = tmp_path / "metrics.parquet"
+    recorder = Recorder(path, every=1)
+    monkeypatch.setattr(recorder, "end", lambda: None)  # as a run that was killed leaves it
+    live(one(), recorder)
+    bad = parts_of(path) / "part-000002.parquet"
+    bad.write_bytes(b"PAR1 no more")
+    with pytest.raises(EcologyError, match=rf"{bad.name}' is damaged .* Move this one file away") as told:
+        read(path)
+    assert "part-000001" not in str(told.value)
+    bad.unlink()
+    assert read(path)["tick"].to_pylist() == [*range(1, 11), *range(21, TICKS + 1)]
+
+
+def test_a_half_written_part_is_not_among_the_parts(tmp_path, monkeypatch):
+    """Other readers open the folder of parts whatever moment the run was killed at: a part is in it when complete."""
+    monkeypatch.setattr("ecology.observers.recorder.ROWS", 10)
+    monkeypatch.setattr("ecology.observers.recorder.SECONDS", np.inf)
+    path = tmp_path / "metrics.parquet"
+    recorder = Recorder(path, every=1)
+    monkeypatch.setattr(recorder, "end", lambda: None)
+    monkeypatch.setattr(pathlib.Path, "unlink", lambda *_, **__: None)  # a killed process tidies nothing
+    monkeypatch.setattr(pq, "write_table", Full(pq.write_table, calls=3))
+    with pytest.raises(OSError):
+        live(one(), recorder)
+    assert (tmp_path / "metrics.parquet.unfinished").read_bytes() == b"PAR1 half"
+    assert pq.read_table(parts_of(path))["tick"].to_pylist() == list(range(1, 31))
+    monkeypatch.undo()
+    assert pq.read_table(parts_of(path)).num_rows == 30
+    again = Recorder(path, every=1, resume=True)
+    env = Ecology(one())
+    minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
+    run(env, minds, env.reset_arrays(7), TICKS)
+    again.begin(env, minds)
+    again.end()
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_rows_are_there_once_wherever_joining_was_killed(tmp_path):
@@ -451,7 +542,9 @@ def test_events_are_told_by_name(tmp_path):
                 came = f"born, child of {name[parent]}" if parent >= 0 else "arrived"
                 expected.append((state.tick, f"{name[slot]} {came}"))
             if tick.died[slot]:
-                expected.append((state.tick, f"{name[slot]} {census.DEATHS[ecology.state.CAUSES[state.cause[slot]]]}"))
+                killer = name[tick.killer[slot]] if tick.killer[slot] >= 0 else "nobody"
+                death = census.DEATHS[ecology.state.CAUSES[state.cause[slot]]].format(need="", killer=killer)
+                expected.append((state.tick, f"{name[slot]} {death}"))
             if state.bit[slot] >= 0:
                 expected.append((state.tick, f"{name[slot]} bit {name[state.bit[slot]]}"))
             if state.gave[slot] >= 0 and state.gave[slot] != before.gave[slot]:
@@ -463,8 +556,41 @@ def test_events_are_told_by_name(tmp_path):
     meals = (" ate ", " slept", "focus:")
     assert sorted(expected) == sorted(e for e in seen if not any(word in e[1] for word in meals))
     words = " ".join(text for _, text in seen)
-    for word in ("born, child", "arrived", "died, eaten", "by chance", "bit", "gave", "ate grass", "slept"):
+    for word in (
+        "born, child",
+        "arrived",
+        "died, eaten by predator_",
+        "by chance",
+        "bit",
+        "gave",
+        "ate grass",
+        "slept",
+    ):
         assert word in words
+
+
+def test_a_death_is_told_with_its_need_and_its_killer():
+    """The event log says which need was fatal, and who bit; the place of the killer is known."""
+    food = ecology.Need(name="food", set_point=2.0, decay=1.0, bounds=(0.0, 4.0), lethal=True)
+    calm = ecology.Need(name="calm", set_point=1.0)
+    prey = {"needs": (calm, food)}
+    scenario = square(
+        kind("wolf", ecology.bite("wounded", reach=1.0, damage={"food": 1.0}), position=(2.0, 2.0)),
+        kind("fox", ecology.bite("killed", reach=1.0), position=(6.0, 6.0)),
+        kind("wounded", position=(2.0, 2.5), **prey),
+        kind("killed", position=(6.0, 6.5), **prey),
+        kind("starved", position=(4.0, 4.0), **prey),
+    )
+    env = start(scenario, internal=[[2.0, 0.0], [2.0, 0.0], [1.0, 1.5], [1.0, 2.0], [1.0, 0.5]])
+    seen = census.Census(env)
+    tick = env.step_arrays(ask(env, wolf="bite_wounded", fox="bite_killed"))
+    (deaths,) = (event for event in seen.watch(env.state_view, tick) if event.kind == "died")
+    assert [census.words(scenario, tuple(env.groups.values()), deaths, i) for i in range(3)] == [
+        "wounded_2 died of food, bitten to death by wolf_0",
+        "killed_3 died, eaten by fox_1",
+        "starved_4 died of food, beyond its bounds",
+    ]
+    assert deaths.other_place.tolist() == [[2.0, 2.0], [6.0, 6.0], [4.0, 4.0]]
 
 
 def test_populations_are_counted(tmp_path):
@@ -494,8 +620,7 @@ def test_populations_are_counted(tmp_path):
     assert "/population/coupling/predator" not in entities
     weight, others = env.coupling("prey")
     state = env.state_view
-    both = state.alive[:16, None] & state.alive[others] & (np.arange(16)[:, None] != others)
-    assert np.array_equal(weight > 0, both)
+    assert np.array_equal(weight > 0, state.alive[:16, None] & state.alive[others])
 
 
 def _chunks(path):
@@ -550,8 +675,9 @@ def test_a_decision_is_the_one_that_is_taken(name):
     assert told["J"] == pytest.approx(float(mind.deviation(0, zeta)[0]))
     error = told["error"]
     assert error.shape == (len(env.groups["agent"].layout.names),)
-    if name == "hjb":
-        assert (error[np.isfinite(error)] < 2).any()
+    known = error[np.isfinite(error)]
+    assert (known >= 0).all()
+    assert known.size or name == "algorithm1"  # which keeps too little to know
 
 
 def test_a_decision_is_recorded(tmp_path):

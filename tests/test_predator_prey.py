@@ -1,4 +1,4 @@
-"""The meadow: what a bite does, what the grass carries, and that its learners live, bear and inherit."""
+"""The meadow: what a bite does, what the grass carries, and what a newborn knows."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import agents
 import ecology
 import scenarios
 from agents import loop
+from ecology.observers.base import Observer
 from ecology.state import CAUSES
 
 
@@ -34,7 +35,7 @@ def live(env, learner, ticks, seed=0, also=lambda tick, minds: None):
         minds[name] = agents.make(learner, group, np.random.SeedSequence([seed, i]), settings)
     found = []
 
-    class Count:
+    class Count(Observer):
         def watch(self, state, tick, minds):
             numbers = [np.count_nonzero(tick.alive[group.slots]) for group in env.groups.values()]
             found.append([*numbers, state.eaten.sum()])
@@ -42,6 +43,14 @@ def live(env, learner, ticks, seed=0, also=lambda tick, minds: None):
 
     loop.run(env, minds, env.reset_arrays(seed), ticks, (Count(),))
     return minds, np.array(found)
+
+
+class Last:
+    """Keeps the last tick."""
+
+    def watch(self, state, tick, minds):
+        """Keep it."""
+        self.tick = tick
 
 
 def bites(env, tick, times):
@@ -106,22 +115,29 @@ def test_the_grass_carries_as_many_prey_as_it_feeds():
 
 
 @pytest.mark.parametrize("inherit", [True, False])
-def test_learners_live_and_bear(inherit):
-    """Learners of both kinds live through their first hundreds of ticks; a child knows what its parent does, or not."""
-    env = meadow(inherit=inherit, mutation=0.0)
-    alike = []
+def test_a_newborn_knows_what_its_parent_knows_or_nothing(inherit):
+    """With `inherit` a newborn's deviation function is its parent's, without it that of an agent that never learned.
 
-    def compare(tick, minds):
-        for name, group in env.groups.items():
-            child = np.flatnonzero(tick.born[group.slots])
-            parent = tick.parent[group.slots][child] - group.slots.start
-            known = minds[name].f.weights  # a row per agent
-            alike.extend((known[child] == known[parent]).all(axis=1).tolist())
-
-    _, found = live(env, "hjb", 350, also=compare)
-    assert found[-1, :2].min() > 0
-    assert alike, "nobody was born"
-    assert set(alike) == {inherit}
+    Parents learn where nobody is born or dies; then everyone is fit and a birth is certain.
+    """
+    words = {"prey": 4, "predators": 4, "prey_mortality": 0.0, "predator_mortality": 0.0, "chance": 1e-9}
+    words |= {"inherit": inherit, "mutation": 0.0}
+    minds, _ = live(meadow(prey_birth=1e-9, predator_birth=1e-9, **words), "hjb", 150)
+    env = meadow(prey_birth=1e3, predator_birth=1e3, **words)
+    untaught, _ = live(env, "hjb", 0)
+    fit = np.where(env.state_view.internal > 0, 1.0, 0.0)
+    tick = env.put(internal=fit, age=np.full(env.size, 300.0))
+    loop.run(env, minds, tick, 1, (seen := Last(),))
+    for name, group in env.groups.items():
+        children = np.flatnonzero(seen.tick.born[group.slots])
+        assert children.size, f"no {name} was born"
+        parents = seen.tick.parent[group.slots][children] - group.slots.start
+        zeta = seen.tick.observations[name][children]
+        for child, parent in zip(children, parents, strict=True):
+            knows, taught = minds[name].deviation(child, zeta), minds[name].deviation(parent, zeta)
+            nothing = untaught[name].deviation(child, zeta)
+            assert np.abs(taught - nothing).max() > 1e-4, "the parent has learned nothing"
+            np.testing.assert_array_equal(knows, taught if inherit else nothing)
 
 
 def test_every_setting_reaches_the_world():

@@ -1,5 +1,6 @@
 """Stocks are shared, grow, come, go and move as they say, and every quantity is accounted for."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -733,3 +734,64 @@ def test_the_default_is_what_it_was():
         {"position": None},
     ):
         assert not Resource(**{"name": "berries", "position": (1.0, 1.0), **word}).constant
+
+
+# ---- food that bodies can reach ----------------------------------------------------------------
+
+
+def large(*foods, radius=0.8, arena=SQUARE, **words):
+    """Return a room of `foods` and of one body of `radius` that eats them all."""
+    eats = (consume(food.name, {"food": 0.1}) for food in foods)
+    body = Species(name="agent", needs=(FOOD,), actions=(rest(), *eats), radius=radius, **words)
+    return Scenario(name="large", arena=arena, resources=foods, species=(body,))
+
+
+def reached(scenario, places):
+    """Return in which circles at `places` (n, 2) the centre of the first species' body can lie, (n,)."""
+    free = shapely.Polygon(scenario.arena.vertices).buffer(-scenario.species[0].radius)
+    return free.distance(shapely.points(places)) <= scenario.resources[0].radius + 1e-9
+
+
+@pytest.mark.parametrize("arena", [SQUARE, Arena(vertices=((0, 0), (6, 0), (6, 1.7), (3, 1.7), (3, 4), (0, 4)))])
+def test_food_is_scattered_where_a_large_body_can_eat_it(arena):
+    """None of sixty small patches lies where a large body cannot reach it, at the start and after a relocation."""
+    food = Resource(name="food", count=60, radius=0.3, stock=1.0, motion=Relocation())
+    scenario = large(food, arena=arena)
+    env = ecology.parallel_env(scenario)
+    env.reset_arrays(seed=0)
+    assert reached(scenario, env.state_view.resource_position).all()
+    table = resources.compile_resources(scenario.resources, arena, scenario.species)
+    before = env.state_view.resource_position
+    places, gone = resources.relocate(table, before, np.ones(60, bool), np.random.default_rng(1))
+    assert gone.all()
+    assert (places != before).any(axis=1).all()
+    assert reached(scenario, places).all()
+    alone = resources.compile_resources(scenario.resources, arena)  # which nobody eats
+    assert not reached(scenario, resources.first_places(alone, np.random.default_rng(1))).all()
+
+
+@pytest.mark.parametrize(
+    ("food", "good"),
+    [
+        (Resource(name="food", position=(0.3, 2.0), radius=0.3), False),
+        (Resource(name="food", position=(0.55, 2.0), radius=0.3), True),
+        (Resource(name="food", position=(0.55, 0.55), radius=0.3), False),  # the corner is farther than the wall
+        (Resource(name="food", position=(0.3, 2.0), radius=0.3, motion=Oscillation(to=(2.0, 2.0), period=9.0)), True),
+        (Resource(name="food", position=(0.3, 1.0), radius=0.3, motion=Oscillation(to=(0.3, 2.0), period=9.0)), False),
+        (Resource(name="food", position=(0.3, 2.0), radius=0.3, motion=Drift(spread=0.1)), True),
+        (Resource(name="food", position=(0.3, 2.0), radius=0.3, stock=1.0, motion=Relocation()), False),
+    ],
+)
+def test_food_that_no_body_can_reach_is_refused(food, good):
+    """A patch that its eaters never come into is refused with its place and the body; one of many eaters is enough."""
+    if good:
+        large(food)
+    else:
+        with pytest.raises(EcologyError, match=r"'food': at \(0.*too near to a wall .* of 'agent', has the radius 0.8"):
+            large(food)
+    small = Species(name="small", needs=(FOOD,), actions=(rest(), consume("food", {"food": 0.1})), radius=0.1)
+    onlooker = dataclasses.replace(small, name="onlooker", actions=(rest(),), radius=0.9)
+    for species in ((*large(dataclasses.replace(food, position=(2.0, 2.0), motion=None)).species, small), (onlooker,)):
+        Scenario(name="shared", arena=SQUARE, resources=(food,), species=species)
+    torus = dataclasses.replace(SQUARE, walls=False)
+    large(food, arena=torus)

@@ -107,14 +107,36 @@ def test_bad_seeds_are_one_clear_error(sweep: Sweep, text: str) -> None:
         ("a=true,false", [True, False]),
         ("a=[1, 2],[3, 4]", [[1, 2], [3, 4]]),
         ("a=free,committed", ["free", "committed"]),
-        ("a='x,y',z", ["'x", "y'", "z"]),
+        ("a='x,y',z", ["x,y", "z"]),
+        ('a="x,y",z', ["x,y", "z"]),
+        ('a="x\\",y",z', ['x",y', "z"]),
+        ("a=don't,won't", ["don't", "won't"]),
+        ("a='open,z", ["'open", "z"]),
+        ("a=1,2,", [1, 2]),
+        ("a=1,1.0,2,1", [1, 2]),
+        ("a=1,true,True", [1, True]),
+        ("a=.5,1.", [0.5, 1.0]),
+        ("a=None,3", [None, 3]),
+        ("a=(1, 2),[1, 2],[3, .4]", [(1, 2), [3, 0.4]]),
         ('a="x,y"', ["x,y"]),
         ("a = 3", [3]),
     ],
 )
 def test_values_are_toml_or_words(text: str, values: list[Any]) -> None:
-    """Values are read as a TOML list, and as words where they are not one."""
-    assert _sweep.values_of(text) == ("a", values)
+    """Commas outside of quotes and brackets separate values; values that mean the same are there once."""
+    key, found = _sweep.values_of(text)
+    assert key == "a"
+    assert repr(found) == repr(values)
+
+
+def test_values_that_mean_the_same_are_one_run(sweep: Sweep, tmp_path: Path) -> None:
+    """A setting written in two ways, and a learner given twice, are lived once."""
+    cells = _sweep.cells_of(
+        str(tmp_path / "world.py"), tmp_path / "out", seeds=[0], ticks=5,
+        settings=dict([_sweep.values_of("decay=1,1.0,1e0"), _sweep.values_of("pairs=[1, 2],(1, 2)")]),
+        learners=["random,rest,random"],
+    )  # fmt: skip
+    assert [cell.varied["learner"] for cell in cells] == ["random", "rest"]
 
 
 def test_a_sweep_leaves_a_table_and_a_figure(sweep: Sweep, quick: list[str]) -> None:

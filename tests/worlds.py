@@ -80,6 +80,8 @@ def signal(world: World, rng: np.random.Generator) -> Outcome:
     drawn = rng.random((2, len(calls)))
     outcome.position = world.state.position.copy()
     outcome.position[rows, 0] -= 0.2 * (calls & (drawn[0] < 0.1))
+    outside = ~world.inside(outcome.position)
+    outcome.position[outside] = world.state.position[outside]
     outcome.killed[rows] = calls & (drawn[1] < 0.01)
     return outcome
 

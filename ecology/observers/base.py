@@ -28,16 +28,16 @@ class Mind(Protocol):
 
 
 class Observer(Protocol):
-    """Someone who watches a run."""
+    """Someone who watches a run; a class derived from it defines only the methods that it needs."""
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Be shown the world before its first tick; `minds` by species."""
-        ...
+        return
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Be shown the read-only state after a tick."""
-        ...
+        return
 
     def end(self) -> None:
         """Finish: flush and close what was written."""
-        ...
+        return

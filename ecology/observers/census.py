@@ -19,11 +19,12 @@ from ecology.state import CAUSES, Floats, Ints, State
 
 KINDS = ("born", "died", "bit", "gave", "ate", "slept")
 EATS, SLEEPS = 1, 2  # codes of actions that are told of when they begin
-DEATHS = {
-    "need": "died of a need beyond its bounds",
-    "eaten": "died, eaten",
+DEATHS = {  # by cause
+    "need": "died of {need}, beyond its bounds",
+    "eaten": "died, eaten by {killer}",
     "hazard": "died by chance, its hazard",
     "rule": "died by the scenario's rule",
+    "bitten": "died of {need}, bitten to death by {killer}",
 }
 AGES = 12  # bars of an age structure
 HUNGRIEST = "hungriest"
@@ -39,10 +40,11 @@ class Happening:
     slot: Ints  # (k,) to whom it happened, or who did it
     serial: Ints  # (k,)
     place: Floats  # (k, 2)
-    other: Ints  # (k,) slot of the parent, the bitten or the one given to, -1 without
+    other: Ints  # (k,) slot of the parent, the killer, the bitten or the one given to, -1 without
     other_serial: Ints  # (k,)
     other_place: Floats  # (k, 2) where the other is, across the seam of a torus; one's own place without
     what: Ints  # (k,) index of the action, or into CAUSES of a death
+    need: Ints  # (k,) column of the lethal need of a death, -1 without
 
 
 class Census:
@@ -84,6 +86,7 @@ class Census:
                     other_place=state.position[slot]
                     + np.where(there[:, None], self._plane.gap(state.position[slot], state.position[with_]), 0.0),
                     what=np.zeros(len(slot), np.int64) if what is None else what[slot],
+                    need=state.fatal_need[slot],
                 )
             )
 
@@ -93,7 +96,7 @@ class Census:
 
         for kind, who, other, what, count in (
             ("born", tick.born, tick.parent, None, self.born),
-            ("died", tick.died, None, state.cause, self.died),
+            ("died", tick.died, tick.killer, state.cause, self.died),
         ):
             slot = np.flatnonzero(who)
             tell(kind, slot, other, what)
@@ -122,9 +125,12 @@ def words(scenario: Scenario, groups: Sequence[Group], event: Happening, i: int)
     who = name(slot, int(event.serial[i]))
     other = name(int(event.other[i]), int(event.other_serial[i])) if event.other[i] >= 0 else ""
     action = scenario.species[group.index].actions[int(event.what[i])] if event.kind in ("ate", "slept") else None
+    need = scenario.species[group.index].needs[int(event.need[i])].name
     return {
         "born": f"{who} born, child of {other}" if other else f"{who} arrived",
-        "died": f"{who} {DEATHS[CAUSES[int(event.what[i])]]}" if event.kind == "died" else "",
+        "died": f"{who} {DEATHS[CAUSES[int(event.what[i])]].format(need=need, killer=other)}"
+        if event.kind == "died"
+        else "",
         "bit": f"{who} bit {other}",
         "gave": f"{who} gave to {other}",
         "ate": f"{who} ate {action.resource}" if action is not None else "",

@@ -96,7 +96,7 @@ def highest_drive(scenario: Scenario) -> float:
 @functools.cache
 def scale(name: str) -> np.ndarray:
     """Return the colour scale `name` as uint8 (SHADES, 3), dark to bright; its darkest tenth is left out."""
-    from matplotlib import colormaps  # slow to load
+    from ecology.observers.plotting import colormaps  # slow to load
 
     return (colormaps[name](np.linspace(0.1, 1.0, SHADES))[:, :3] * 255).round().astype(np.uint8)
 

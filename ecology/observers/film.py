@@ -86,6 +86,6 @@ def _encoder():
         import imageio_ffmpeg
     except ImportError as error:
         raise EcologyError(
-            "an mp4 needs ffmpeg, which pip install 'ecology-sandbox[film]' brings; or write a .gif."
+            "an mp4 needs ffmpeg; run pip install -e '.[film]' in the project's folder, or write a .gif."
         ) from error
     return imageio_ffmpeg

@@ -5,16 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection, LineCollection
-from matplotlib.colors import ListedColormap, Normalize
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ecology.observers import shapes
 from ecology.observers.colours import highest_drive, resource_colours, scale, species_colour
 from ecology.observers.frame import Frame, frame
+from ecology.observers.plotting import (
+    EllipseCollection,
+    FigureCanvasAgg,
+    Line2D,
+    LineCollection,
+    ListedColormap,
+    Normalize,
+    ScalarMappable,
+    new_figure,
+)
 from ecology.scenario import Scenario
 from ecology.state import State
 
@@ -37,7 +41,7 @@ class Picture:
     def __init__(self, scenario: Scenario) -> None:
         """Draw the arena, the legend and the axes."""
         self._scenario = scenario
-        self._figure = figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
+        self._figure = figure = new_figure(SIZE, dpi=DPI)
         self._canvas, self._axes = FigureCanvasAgg(figure), figure.add_subplot()
         axes = self._axes
         vertices = np.array(scenario.arena.vertices, dtype=float)

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from rerun.chunk import RrdReader
 
-from ecology.errors import EcologyError
+from ecology.errors import EcologyError, readable
 from ecology.observers import colours
 from ecology.observers.frame import Frame
 from ecology.observers.scene import MARKED, STEPS
@@ -30,6 +30,8 @@ def stored(path: Path) -> bool:
 
 def recording_id(path: Path) -> str:
     """Return the identity of the recording at `path`."""
+    with readable("the recording", path):
+        path.open("rb").close()
     try:
         return RrdReader(str(path)).recordings()[0].recording_id
     except (RuntimeError, IndexError) as error:

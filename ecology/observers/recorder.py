@@ -1,15 +1,14 @@
 """Metrics in columns: one row per sampled tick and living agent, in a parquet file.
 
-While the run goes on, rows go to `metrics.parquet.parts/`, a folder of complete parquet files that
-any parquet reader opens as one table; `end` joins them into `metrics.parquet` and removes the
-folder. A run that is killed leaves the folder, and with it everything but the last half minute:
-`read` opens either. Where both are there, the joined file is whole and the folder a remnant.
+While the run goes on, rows go to `metrics.parquet.parts/`, a folder of complete parquet files and nothing else, which
+any parquet reader opens as one table: a part is written beside the folder and moved into it when it is complete. `end`
+joins them into `metrics.parquet` and removes the folder. A run that is killed leaves the folder, and with it everything
+but the last half minute: `read` opens either. Where both are there, the joined file is whole and the folder a remnant.
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,7 +20,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from ecology.env import Ecology, Tick
-from ecology.errors import EcologyError
+from ecology.errors import EcologyError, describe_refusal, is_from_system, readable
 from ecology.observers.base import Mind
 from ecology.scenario import Scenario
 from ecology.spec import require
@@ -29,21 +28,24 @@ from ecology.state import State
 
 ROWS = 65_536  # of a part, at most, and of a row group of the joined file
 SECONDS = 30.0  # of the clock between parts, at most
-FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "reward", "action")
+FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action")
+MEASURE = "measures."  # before the name of a scenario's measure
 
 
 class Recorder:
     """Writes ticks, bodies, internal states and the minds' own numbers to `metrics.parquet`.
 
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
-    name, drive, reward, action, and one per number that a mind reports. A variable that a species
-    does not have is null. Memory is bounded by `ROWS` rows.
+    name, drive (what is felt of others included), own_drive (without that), reward, action, one per
+    measure of the scenario (`measures.NAME`, the same in every row of a tick), and one per number that
+    a mind reports. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
 
     def __init__(self, path: Path | str, every: int = 10, *, resume: bool = False) -> None:
         """Write to `path` every `every` ticks; with `resume`, after the rows up to the present tick."""
         self._path, self._every, self._resume = Path(path), every, resume
         self._parts = parts_of(self._path)
+        self._unfinished = self._parts.with_suffix(".unfinished")  # beside the folder, which readers open as it is
         require(
             isinstance(every, int) and every > 0,
             f"a recorder samples every so many ticks, a whole number of at least 1; got {every!r}.",
@@ -62,6 +64,7 @@ class Recorder:
         counts = [s.slots for s in species]
         needs = list(dict.fromkeys(need.name for s in species for need in s.needs))
         check_columns(env.scenario, minds)
+        self._scenario = env.scenario
         self._groups = [(group.name, group.slots) for group in env.groups.values()]
         self._species_of = np.repeat(np.arange(len(species)), counts)
         self._species = np.array([s.name for s in species])
@@ -76,6 +79,7 @@ class Recorder:
         if self._resume:
             self._go_on(env.state_view.tick)
         self._parts.mkdir(parents=True, exist_ok=True)
+        self._unfinished.unlink(missing_ok=True)  # of a run that was killed
 
     def _go_on(self, tick: int) -> None:
         """Keep the rows up to `tick` as the first part; at any time they are there once and whole."""
@@ -84,7 +88,7 @@ class Recorder:
             return
         self._joined(kept, until=tick)
         self._parts.mkdir(parents=True)
-        os.replace(self._path, self._parts / "part-000000.parquet")
+        self._path.replace(self._parts / "part-000000.parquet")
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take the rows of a sampled tick."""
@@ -102,9 +106,12 @@ class Recorder:
             "heading": state.heading[slots],
             "internal": state.internal[slots],
             "drive": tick.drive[slots],
+            "own_drive": state.own_drive[slots],
             "reward": tick.reward[slots],
             "action": tick.action[slots],
         }
+        for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
+            rows[MEASURE + name] = np.full(len(slots), measured)
         told: dict[str, np.ndarray] = {}
         for name, span in self._groups:
             for word, value in minds[name].report().items():
@@ -135,12 +142,17 @@ class Recorder:
         """Put the rows of `parts` (up to the tick `until`) in the one file, and remove the folder."""
         joined = self._parts.with_suffix(".joined")
         try:
-            with _readable(self._path):
-                _join(parts, joined, until)
-        except EcologyError:
-            joined.unlink(missing_ok=True)
-            raise
-        os.replace(joined, self._path)
+            _join(parts, joined, until)
+            joined.replace(self._path)
+        except (EcologyError, OSError) as error:
+            with contextlib.suppress(OSError):  # where nothing can be written, nothing can be removed
+                joined.unlink()
+            if isinstance(error, EcologyError) or not is_from_system(error):
+                raise
+            raise EcologyError(
+                f"the metrics {str(self._path)!r} cannot be written in one file ({describe_refusal(error)}). No row is "
+                "lost. Make room for a second copy of them, or allow writing there; then run the same command again."
+            ) from error
         if self._parts.exists():
             shutil.rmtree(self._parts)
 
@@ -155,10 +167,13 @@ class Recorder:
             return
         rows = {name: np.concatenate(values) for name, values in self._rows.items()}
         self._rows, self._count = {}, 0
-        target = self._next_part()
-        unfinished = target.with_suffix(".unfinished")
-        pq.write_table(self._table(rows), unfinished, compression="zstd")
-        os.replace(unfinished, target)
+        target, unfinished = self._next_part(), self._unfinished
+        try:
+            pq.write_table(self._table(rows), unfinished, compression="zstd")
+            unfinished.replace(target)
+        finally:
+            with contextlib.suppress(OSError):
+                unfinished.unlink(missing_ok=True)
 
     def _table(self, rows: dict[str, np.ndarray]) -> pa.Table:
         species = self._species_of[rows["slot"]]
@@ -189,8 +204,10 @@ class Recorder:
             "heading": number(rows["heading"]),
             **{name: variable(at) for name, at in self._need_at.items()},
             "drive": number(rows["drive"]),
+            "own_drive": number(rows["own_drive"]),
             "reward": number(rows["reward"]),
             "action": word(self._action_at[species, rows["action"]], self._actions),
+            **{name: pa.array(rows[name]) for name in rows if name.startswith(MEASURE)},
         }
         for name, value in rows.items():
             told = name.removeprefix("report ")
@@ -208,31 +225,55 @@ def check_columns(scenario: Scenario, minds: Mapping[str, Mind]) -> None:
     """Raise EcologyError where two columns of the metrics would have one name."""
     needs = {need.name for species in scenario.species for need in species.needs}
     told = {word for mind in minds.values() for word in mind.report()}
-    clash = sorted(needs & {*FIXED, *told})
+    fixed = {*FIXED, *(MEASURE + name for name in scenario.measures)}
+    clash = sorted(needs & {*fixed, *told})
     require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
-    clash = sorted(told & {*FIXED})
+    clash = sorted(told & fixed)
     require(not clash, f"minds report {clash}, names of other columns of the metrics; report them under other names.")
 
 
 def read(path: Path | str) -> pa.Table:
     """Return the metrics at `path`, from the joined file or from the parts of a run that was stopped.
 
-    Raises EcologyError where there are none, or they are damaged.
+    Raises EcologyError where there are none, where one cannot be read, and where one is damaged.
     """
     found = sources(Path(path))
     require(bool(found), f"there are no metrics at {str(path)!r}; give the metrics.parquet of a run.")
-    with _readable(Path(path)):
-        return pa.concat_tables([pq.read_table(part) for part in found], promote_options="default")
+    tables = []
+    for part in found:
+        with _intact(part):
+            tables.append(pq.read_table(part))
+    with _matching(found):
+        return pa.concat_tables(tables, promote_options="default")
 
 
 @contextlib.contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn what the parquet reader raises into one EcologyError."""
+def _intact(file: Path) -> Iterator[None]:
+    """Turn what the parquet reader raises of one file into an EcologyError that says whether it is damaged."""
+    try:
+        with readable("the metrics file", file):
+            yield
+    except MemoryError:  # one of Arrow's exceptions, too
+        raise
+    except (pa.ArrowException, OSError) as error:
+        raise EcologyError(
+            f"the metrics file {str(file)!r} is damaged ({str(error).splitlines()[0]}). Move this one file away to "
+            "continue without its rows; all others are kept."
+        ) from error
+
+
+@contextlib.contextmanager
+def _matching(files: Iterable[Path]) -> Iterator[None]:
+    """Turn what Arrow raises of files of different kinds into an EcologyError."""
     try:
         yield
-    except (pa.ArrowException, OSError, KeyError) as error:
+    except MemoryError:
+        raise
+    except (pa.ArrowException, KeyError) as error:
+        names = ", ".join(repr(str(file)) for file in files)
         raise EcologyError(
-            f"the metrics {str(path)!r} are damaged ({str(error).splitlines()[0]}); move them away to go on without."
+            f"the metrics files {names} are not all of this run ({str(error).splitlines()[0]}); move those of other "
+            "runs away."
         ) from error
 
 
@@ -248,9 +289,13 @@ def sources(path: Path) -> list[Path]:
 
 def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None:
     """Write the rows of `parts` (up to the tick `until`) to `target`, in row groups of `ROWS`."""
-    parts = list(parts)
-    schema = pa.unify_schemas([pq.read_schema(part).remove_metadata() for part in parts])
-    with pq.ParquetWriter(target, schema, compression="zstd") as writer:
+    parts, schemas = list(parts), []
+    for part in parts:
+        with _intact(part):
+            schemas.append(pq.read_schema(part).remove_metadata())
+    with _matching(parts):
+        schema = pa.unify_schemas(schemas)
+    with _matching(parts), pq.ParquetWriter(target, schema, compression="zstd") as writer:
         waiting = schema.empty_table()
         for batch in _batches(parts):
             table = pa.Table.from_batches([batch])
@@ -266,5 +311,5 @@ def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None
 
 def _batches(parts: Iterable[Path]) -> Iterator[pa.RecordBatch]:
     for part in parts:
-        with pq.ParquetFile(part) as file:
+        with _intact(part), pq.ParquetFile(part) as file:
             yield from file.iter_batches(ROWS)

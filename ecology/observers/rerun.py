@@ -49,7 +49,7 @@ SAMPLES = 256  # sent in one go, at most
 SECONDS_FILE, SECONDS_LIVE = 1.0, 0.25  # of the clock between two sendings, at most
 FOCUS_TICKS = 500  # after which the hungriest is looked for again
 SPARSE = 20  # samples between two age structures, and between two coupling matrices
-COUPLED = 128  # agents whose coupling is drawn, at most
+COUPLED = 128  # agents of a species whose coupling is drawn, at most
 MEMORY = "256MB"  # of history kept for viewers that attach late
 TIDY = 2 * 2**30  # bytes up to which a recording is put in order at the end, by a process that takes as much memory
 DETAILS = ("full", "lean")
@@ -335,13 +335,14 @@ class RerunObserver:
         return self._minds[name].decision(row, tick.observations[name][row], tick.masks[name][row])
 
     def _coupling(self, name: str, state: State) -> np.ndarray | None:
-        """Return who feels whom and how much among the first living, (n, m)."""
+        """Return the weights with which the first living feel the first living of each species, (n, m)."""
         found = self._env.coupling(name)
         if found is None:
             return None
         weight, others = found
         rows = np.flatnonzero(state.alive[self._scene.groups[name].slots])[:COUPLED]
-        columns = np.flatnonzero(state.alive[others])[:COUPLED]
+        living = [others[(others >= g.slots.start) & (others < g.slots.stop)] for g in self._scene.groups.values()]
+        columns = np.searchsorted(others, np.concatenate([slots[state.alive[slots]][:COUPLED] for slots in living]))
         return weight[np.ix_(rows, columns)].astype(np.float32) if rows.size and columns.size else None
 
     def _deviation(self, name: str) -> np.ndarray | None:

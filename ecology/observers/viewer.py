@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import urllib.parse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ecology.errors import EcologyError
+from ecology.errors import EcologyError, readable
 from ecology.spec import require
 
 LOOPBACK = "127.0.0.1"
@@ -61,7 +62,7 @@ def recording_of(run: Path) -> Path:
     """Return the recording of a run, given its folder or the file; EcologyError where there is none."""
     path = run / RECORDING if run.is_dir() else run
     require(path.exists(), f"there is no recording at {str(path)!r}; give the folder of a run that recorded.")
-    with path.open("rb") as file:
+    with readable("the recording", path), path.open("rb") as file:
         require(
             file.read(3) == b"RRF",
             f"{str(path)!r} is not a Rerun recording, or its start is damaged; record the run again.",
@@ -97,12 +98,14 @@ def joined(parts: Sequence[Path], target: Path) -> bool:
 
 def mended(path: Path, target: Path) -> Path:
     """Return a copy, at `target`, of a recording that was cut short, as far as it goes."""
+    _check_room(stretches(path), target)
     require(_tidied(stretches(path), target), _unreadable(path))
     return target
 
 
 def merged(parts: Sequence[Path], target: Path) -> Path:
     """Write recordings of one identity as one to the new file `target`."""
+    _check_room(parts, target)
     require(_tidied(parts, target, "merge"), f"the recording {str(parts[0])!r} cannot be read; record the run again.")
     return target
 
@@ -116,9 +119,17 @@ def free_port(host: str, port: int) -> int:
             probe.bind((host, port))
         except OSError as error:
             raise EcologyError(
-                f"cannot serve at {host}:{port} ({error.strerror}); free the port, or choose another."
+                f"cannot serve at {host}:{port} ({error.strerror}); free the port, or give another with --port."
             ) from error
         return probe.getsockname()[1]
+
+
+def preferred_port(host: str, port: int) -> int:
+    """Return `port` where it is free, else any port that is: another run may serve at this one."""
+    try:
+        return free_port(host, port)
+    except EcologyError:
+        return free_port(host, 0)
 
 
 def checked_url(url: str) -> str:
@@ -196,6 +207,16 @@ def _stored(path: Path) -> bool:
 
 def _unreadable(path: Path) -> str:
     return f"the recording {str(path)!r} is damaged and nothing of it can be read; record the run again."
+
+
+def _check_room(parts: Sequence[Path], target: Path) -> None:
+    """Raise EcologyError where a copy of recordings has no room at `target`: their reader would call them damaged."""
+    size, free = sum(part.stat().st_size for part in parts), shutil.disk_usage(target.parent).free
+    require(
+        size <= free,
+        f"a copy of the recording {str(parts[0])!r} needs {size / 1e6:,.0f} MB in {str(target.parent)!r}, where "
+        f"{free / 1e6:,.0f} MB are free; make room, or set TMPDIR to a folder with room.",
+    )
 
 
 def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:

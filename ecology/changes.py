@@ -1,0 +1,154 @@
+"""What may be put into a state between ticks: the same that a scenario may say, and names that stay true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ecology.errors import EcologyError, nearest
+from ecology.physiology import Body
+from ecology.plane import Plane
+from ecology.resources import ResourceTable
+from ecology.scenario import Scenario
+from ecology.senses import wrap
+from ecology.spec import require
+from ecology.state import CAUSES, Bools, Floats, Ints, State
+
+ROUNDING = 1e-9  # share of a capacity by which a stock that has grown to it may exceed it
+WHAT = {"b": "True or False", "i": "whole numbers", "f": "numbers"}
+
+
+def read(fields: Mapping[str, Any], state: State) -> dict[str, np.ndarray]:
+    """Return `fields` as arrays of the shape and type that they have in `state`; EcologyError where they are not."""
+    known = state.arrays()
+    found = {}
+    for name, value in fields.items():
+        if name not in known:
+            raise EcologyError(f"the state has no array {name!r}. {nearest(name, known)}")
+        like = known[name]
+        try:
+            given = np.asarray(value)
+        except ValueError as error:
+            raise EcologyError(f"state {name!r} has the shape {like.shape}, got {value!r}.") from error
+        require(given.shape == like.shape, f"state {name!r} has the shape {like.shape}, got {given.shape}.")
+        kind = like.dtype.kind
+        fits = given.dtype.kind in {"b": "biuf", "i": "iuf", "f": "iuf"}[kind]
+        if fits and kind == "b":
+            fits = bool(np.isin(given, (0, 1)).all())
+        if fits and kind == "i":
+            fits = bool((np.isfinite(given) & (given == np.round(given)) & (np.abs(given) < 2.0**62)).all())
+        require(fits, f"state {name!r} must be {WHAT[kind]}, got {value!r}.")
+        found[name] = given.astype(like.dtype)  # a copy
+    return found
+
+
+def rename(changed: dict[str, np.ndarray], state: State, scenario: Scenario) -> None:
+    """Add to `changed` what follows where `alive` is put: names, and causes of death, which only the dead have."""
+    alive = changed["alive"]
+    if "serial" not in changed:
+        new = np.flatnonzero(alive & (state.serial < 0))
+        require(
+            not new.size or any(s.grows for s in scenario.species),
+            f"put: nobody can live in the slots {new.tolist()}; a world without births has names only for the agents "
+            "that start in it. Raise the count of their species.",
+        )
+        changed["serial"] = state.serial.copy()
+        changed["serial"][new] = state.next_serial + np.arange(len(new))
+    if "cause" not in changed:
+        changed["cause"] = np.where(alive, 0, np.where(state.alive, CAUSES.index("rule"), state.cause))
+    for name in ("fatal_need", "killer"):
+        if name not in changed:
+            changed[name] = np.where(alive, -1, getattr(state, name))
+
+
+def check(
+    changed: dict[str, np.ndarray],
+    state: State,
+    scenario: Scenario,
+    plane: Plane,
+    body: Body,
+    table: ResourceTable,
+    choices: Ints,
+) -> None:
+    """Raise EcologyError where `changed` would make of `state` what no world can come to; headings are wrapped."""
+    alive = changed.get("alive", state.alive)
+    slots, patches = len(alive), len(table.stock)
+    names = max(state.next_serial, int(changed.get("serial", state.serial).max(initial=-1)) + 1)
+    for name, value in changed.items():
+        if value.dtype.kind == "f" and name != "stock":
+            _hold(name, value, np.isfinite(value), "finite")
+    if "heading" in changed:
+        heading = changed["heading"]
+        away = (heading < -np.pi) | (heading >= np.pi)
+        changed["heading"] = np.where(away, wrap(heading), heading)
+    if changed.keys() & {"internal", "alive"}:
+        x = changed.get("internal", state.internal)
+        low, high = body.low, body.high
+        good = ((x >= low) & (x <= high)) | body.lethal | ~alive[:, None]  # beyond those that are lethal it dies
+        if not good.all():
+            slot, need = np.argwhere(~good)[0]
+            _hold("internal", x, good, f"within the bounds of the need, {low[slot, need]:g} to {high[slot, need]:g}")
+    if changed.keys() & {"position", "alive"}:
+        place = changed.get("position", state.position)
+        _hold("position", place, _inside(scenario, place) | ~alive, "inside the arena")
+    if "resource_position" in changed:
+        place = changed["resource_position"] = plane.home(changed["resource_position"])
+        _hold("resource_position", place, _inside(scenario, place), "inside the arena")
+    if "stock" in changed:
+        stock = changed["stock"]
+        good = (stock >= 0) & (stock <= table.capacity * (1.0 + ROUNDING))
+        if not good.all():
+            _hold("stock", stock, good, f"from 0 to the capacity, {table.capacity[np.argmin(good)]:g}")
+    for name, least in (("age", 0.0), ("hold", 0.0)):
+        if name in changed:
+            _hold(name, changed[name], changed[name] >= least, "at least 0")
+    for name, low_, high_ in (
+        ("action", 0, choices), ("cause", 0, len(CAUSES)), ("fatal_need", -1, body.low.shape[1]),
+        ("bound_for", -1, patches), ("bit", -1, slots), ("gave", -1, slots), ("closed", 0, np.inf),
+        ("parent", -1, names), ("killer", -1, names),
+    ):  # fmt: skip
+        if name in changed:
+            value, top = changed[name], np.broadcast_to(high_, changed[name].shape)
+            good = (value >= low_) & (value < top)
+            if not good.all():
+                _hold(name, value, good, f"a whole number from {low_} to {top[np.argmin(good)] - 1}")
+    _names(changed, state, scenario, alive)
+
+
+def _inside(scenario: Scenario, place: Floats) -> Bools:
+    """Return which of `place` (n, 2) a scenario would allow, (n,); all where the arena is a torus."""
+    if not scenario.arena.walls:
+        return np.ones(len(place), bool)
+    import shapely  # slow to load
+
+    found: Bools = shapely.contains_xy(shapely.Polygon(scenario.arena.vertices), place)
+    return found
+
+
+def _names(changed: Mapping[str, np.ndarray], state: State, scenario: Scenario, alive: Bools) -> None:
+    """Raise EcologyError where two would have one name, or names and causes of death do not fit who lives."""
+    serial, cause = changed.get("serial", state.serial), changed.get("cause", state.cause)
+    if "serial" in changed:
+        same, named = serial == state.serial, any(s.grows for s in scenario.species)
+        new = named & (serial >= state.next_serial)
+        _hold(
+            "serial", serial, same | new, f"what it is, or in a world of births a new one from {state.next_serial} on"
+        )
+        used, count = np.unique(serial[serial >= 0], return_counts=True)
+        require(
+            (count == 1).all(), f"state 'serial' must be another in every slot, got {used[count > 1].tolist()} twice."
+        )
+        _hold("serial", serial, (serial >= 0) | ~alive, "at least 0 where alive")
+    if "cause" in changed:
+        fits = ((cause > 0) == ~alive) | (serial < 0)
+        _hold("cause", cause, fits, "0 where alive and above 0 where dead")
+
+
+def _hold(name: str, value: np.ndarray, good: np.ndarray, rule: str) -> None:
+    """Raise EcologyError that names the first row of `value` that is not `good` and the `rule` that it breaks."""
+    rows = good.reshape(len(good), -1).all(axis=1) if len(good) else good
+    if not rows.all():
+        row = int(np.argmin(rows))
+        raise EcologyError(f"put: {name}[{row}] must be {rule}, got {value[row].tolist()!r}.")

@@ -1,0 +1,138 @@
+"""Compiled functions are kept wherever something can be written, and nobody else can slip one in."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ecology import EcologyError, compiler_cache
+
+ROOT = Path(__file__).parent.parent
+CODE = """
+import sys
+import numpy as np
+import agents.kernels
+from ecology import kernels
+kernels._cell(0.5, 0.0, 1.0, 4)
+print(kernels.__file__, kernels._cell.stats.cache_path, sum(kernels._cell.stats.cache_hits.values()))
+"""
+DROP, WRITE_ANYWHERE = 24, 1  # PR_CAPBSET_DROP and CAP_DAC_OVERRIDE of Linux
+
+
+@pytest.fixture
+def read_only(tmp_path: Path) -> Iterator[Path]:
+    """Return a folder with a copy of the packages and an empty home, in which nothing can be written."""
+    place = tmp_path / "read_only"
+    (place / "home").mkdir(parents=True)
+    for name in ("ecology", "agents", "scenarios"):
+        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+    folders = [place, *(path for path in place.rglob("*") if path.is_dir())]
+    for folder in folders:
+        folder.chmod(0o555)
+    yield place
+    for folder in folders:
+        folder.chmod(0o755)
+
+
+def obey_permissions() -> None:
+    """Let permissions bind the superuser too, in a process that is about to start."""
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        ctypes.CDLL(None).prctl(DROP, WRITE_ANYWHERE, 0, 0, 0)
+
+
+def start(place: Path, temporary: Path) -> subprocess.CompletedProcess[str]:
+    """Run `CODE` with the packages in `place`, a home there, and a temporary folder."""
+    env = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "XDG_"))}
+    env |= {"PYTHONPATH": str(place), "HOME": str(place / "home"), "TMPDIR": str(temporary)}
+    return subprocess.run(
+        [sys.executable, "-B", "-c", CODE], cwd=place, env=env, capture_output=True, text=True, check=False,
+        preexec_fn=obey_permissions,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions of folders are other ones")
+def test_functions_compile_where_neither_install_nor_home_can_be_written(read_only: Path, tmp_path: Path) -> None:
+    """The first process keeps what it compiles in a temporary folder of this user, the second one loads it."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    for hits in (0, 1):
+        done = start(read_only, temporary)
+        assert done.returncode == 0, done.stderr
+        module, cache, loaded = done.stdout.split()
+        assert Path(module).is_relative_to(read_only)
+        assert Path(cache).is_relative_to(temporary)
+        assert int(loaded) == hits
+    assert not list(read_only.rglob("*.nb?"))
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the temporary folder of this process, an empty one."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_a_cache_that_can_be_written_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch, temporary: Path) -> None:
+    """Nothing is set where Numba has a folder."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(compiler_cache.numba.config, "CACHE_DIR", "")
+    compiler_cache.use_cache(str(temporary / "module.py"))  # not there: no folder beside it
+    chosen = os.environ.pop("NUMBA_CACHE_DIR")
+    assert Path(chosen).parent == temporary
+    monkeypatch.setattr(compiler_cache.numba.config, "CACHE_DIR", "")
+    (temporary / "module.py").write_text("")
+    compiler_cache.use_cache(str(temporary / "module.py"))
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_the_temporary_folder_is_the_same_and_private(temporary: Path) -> None:
+    """Every process of a user has the same folder, which nobody else can enter."""
+    folder = compiler_cache._temporary_folder()
+    assert compiler_cache._temporary_folder() == folder
+    assert folder.parent == temporary
+    if hasattr(os, "getuid"):
+        assert folder.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="temporary folders are the user's own")
+@pytest.mark.parametrize("trap", ["link", "loose", "foreign", "file"])
+def test_a_folder_of_someone_else_is_not_used(temporary: Path, monkeypatch: pytest.MonkeyPatch, trap: str) -> None:
+    """A link, a folder that others can write and a folder of another user are passed over for a new one."""
+    taken = temporary / f"ecology-numba-{os.getuid()}"
+    if trap == "link":
+        (temporary / "elsewhere").mkdir()
+        taken.symlink_to(temporary / "elsewhere")
+    elif trap == "file":
+        taken.write_text("")
+    else:
+        taken.mkdir()
+        taken.chmod(0o777 if trap == "loose" else 0o700)
+    if trap == "foreign":
+        owner = taken.lstat().st_uid
+        taken.rename(temporary / f"ecology-numba-{owner + 1}")
+        monkeypatch.setattr(os, "getuid", lambda: owner + 1)
+    folder = compiler_cache._temporary_folder()
+    assert folder.parent == temporary
+    assert folder.name.startswith("ecology-numba-")
+    assert folder.name.count("-") == 3  # a new one, with a name of its own
+    assert list(folder.iterdir()) == []
+
+
+def test_where_nothing_can_be_written_the_error_says_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without any folder there is one error, and it names the variables to set."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)
+    with pytest.raises(EcologyError, match="NUMBA_CACHE_DIR or TMPDIR"):
+        compiler_cache._temporary_folder()
