@@ -620,6 +620,8 @@ def _empathic_case(e: Empathic, about: str) -> Case:
 
 def cases() -> dict[str, Case]:
     """Return all cases by name."""
+    from scenarios import _fear  # it is made of Case, Part and Row
+
     food, grid, traps = EMPATHIC
     listed = (
         Case(
@@ -664,6 +666,7 @@ def cases() -> dict[str, Case]:
         _empathic_case(food, "food eaten or passed, four conditions of empathy (Man and Yoshida 2024)"),
         _empathic_case(grid, "food carried to a partner, four conditions (Man and Yoshida 2024)"),
         _empathic_case(traps, "a trapped partner, four conditions (Man and Yoshida 2024)"),
+        *_fear.cases(),
     )
     return {case.name: case for case in listed}
 
