@@ -620,6 +620,8 @@ def _empathic_case(e: Empathic, about: str) -> Case:
 
 def cases() -> dict[str, Case]:
     """Return all cases by name."""
+    from scenarios import _fear  # it is made of Case, Part and Row
+
     food, grid, traps = EMPATHIC
     listed = (
         Case(
@@ -671,6 +673,7 @@ def cases() -> dict[str, Case]:
             lambda _: [],
             ["It takes hours and runs only when it is named: ecology reproduce minds."],
         ),
+        *_fear.cases(),
     )
     return {case.name: case for case in listed}
 

@@ -5,6 +5,10 @@ wounds: it takes health, which hurts, heals and is deadly at zero, so that a pre
 predators before it dies of one. Nobody knows where it is: a prey senses the nearest grass and the nearest predator, a
 predator the nearest prey. Of movements that seem equally good the first is taken, so a newborn that knows nothing eats
 where it can.
+
+Fleeing pays: both kinds walk at the same speed, a prey sees farther than a predator, and a predator that has bitten
+stands still for the handling time. Predators hunt less well near each other (`disturbance`), which keeps their numbers
+below what would eat up the prey.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from dataclasses import replace
 from ecology import (
     Arena,
     Birth,
+    Crowding,
     Growth,
     Hazard,
     Need,
@@ -30,9 +35,10 @@ from ecology import (
     turn,
 )
 
-WALK, HUNT = 0.12, 0.15  # speed of prey and of predators, length per unit of time
+WALK = 0.12  # speed of prey and of predators, length per unit of time
 TURN = math.pi / 2  # radians per unit of time
-SIGHT = 3.0  # length
+SIGHT, HUNT_SIGHT = 3.0, 2.0  # how far prey and predators see, length
+DISTURBED = 3.0  # distance within which predators disturb each other, length
 HEALING = 0.002  # share of a wound that heals per unit of time
 LEARNER = {  # of a short life: small networks, small batches, short movements
     "width": 32, "batch": 16, "batch_f": 32, "memory": 500, "recent": 100, "update_every": 6.0, "place_cells": 0,
@@ -50,13 +56,14 @@ def build(
     prey_birth: float = 0.008,
     prey_mortality: float = 0.0002,
     predator_decay: float = 0.0015,
-    predator_birth: float = 0.004,
+    predator_birth: float = 0.002,
     predator_mortality: float = 0.0006,
     reach: float = 0.5,
-    chance: float = 0.16,
-    handling: float = 10.0,
-    gain: float = 0.2,
+    chance: float = 0.08,
+    handling: float = 30.0,
+    gain: float = 0.4,
     wound: float = 0.5,
+    disturbance: float = 0.002,
     arrival: float = 0.0,
     inherit: bool = True,
     mutation: float = 0.02,
@@ -65,8 +72,9 @@ def build(
     """Return the meadow, a walled square.
 
     `decay` is energy lost, `birth` the rate of the fit and `mortality` that of any, all per unit of time. A bite
-    has `chance` per unit of time to take `wound` of health and bring `gain` of energy. `arrival` is the rate of
-    newcomers of either species; there is room for twice the `predators` and for 7/4 of the `prey` of the start.
+    has `chance` per unit of time to take `wound` of health and bring `gain` of energy, and takes the time `handling`.
+    `disturbance` is energy that each other predator nearby costs a predator, per unit of time. `arrival` is the rate of
+    newcomers of either species; there is room for three times the `prey` and the `predators` of the start.
     """
     grass = Resource(name="grass", count=patches, radius=0.4, stock=1.0, capacity=2.0, growth=Growth(rate=regrowth))
     energy = Need(name="energy", set_point=1.0, start=0.7, decay=prey_decay, bounds=(0.0, math.inf), lethal=True)
@@ -83,7 +91,7 @@ def build(
             rest(),
         ),
         count=prey,
-        capacity=7 * prey // 4,
+        capacity=3 * prey,
         birth=Birth(rate=prey_birth, threshold={"energy": 0.8}, cost={"energy": 0.4}, maturity=100.0),
         hazard=Hazard(rate=prey_mortality),
         arrival=arrival,
@@ -106,12 +114,14 @@ def build(
     hunter = replace(
         hunted,
         name="predator",
-        needs=(replace(energy, start=0.8, decay=predator_decay),),
-        actions=(attack, move("walk", HUNT), *turns, rest()),
+        needs=(replace(energy, start=0.5, decay=predator_decay),),
+        actions=(attack, move("walk", WALK), *turns, rest()),
         count=predators,
-        capacity=2 * predators,
-        birth=Birth(rate=predator_birth, threshold={"energy": 0.7}, cost={"energy": 0.4}, maturity=200.0),
+        capacity=3 * predators,
+        birth=Birth(rate=predator_birth, threshold={"energy": 0.9}, cost={"energy": 0.5}, maturity=200.0),
         hazard=Hazard(rate=predator_mortality),
+        crowding=Crowding(within=DISTURBED, control={"energy": -disturbance}, species=("predator",)),
+        view_range=HUNT_SIGHT,
         sees=(),
         neighbours=(Neighbours(species=("prey",)),),
     )

@@ -1,0 +1,315 @@
+"""Measure fear in `predator_prey`: whether fleeing pays, whether learners flee, and whether newborns learn in time.
+
+Scripted agents act on what their species senses, as learners do. They show what the world allows.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import agents
+import scenarios
+from agents import loop
+from agents.base import Learner
+from ecology import Ecology, Group, State, Tick
+from ecology.observers.base import Mind
+from scenarios._plan import world_digest
+from scenarios._reproduce import Case, Part, Row
+
+TURNS = 0.1  # probability per tick that a scripted agent turns while it sees nothing to go to
+STARVES = -0.8  # deviation of energy below which scripted prey eat although a predator is near, units
+WARY = 1.5  # distance within which scripted prey flee, length
+LATER = 30  # ticks after a sighting at which the distance is measured
+STEP = 0.25  # half of the difference of distance over which the slope of J is taken, length
+EXPLORES = 0.05  # epsilon of frozen prey
+ARRIVAL = 0.01  # newcomers of each species where newborns are measured, per unit of time
+SEEDS, TICKS, WOUNDS = 8, 20_000, (0.0, 0.25, 0.5, 1.0)  # of the certificate
+
+
+class Scripted(Learner):
+    """Agents that act by a rule on what they sense."""
+
+    def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
+        super().__init__(group, seed)
+        self.column = {name: i for i, name in enumerate(group.layout.names)}
+        self.action = {name: i for i, name in enumerate(group.actions)}
+
+    def _wander(self) -> np.ndarray:
+        """Return walks (n,), with a turn now and then: walls are not sensed."""
+        side = np.where(self.rng.random(self.size) < 0.5, self.action["turn_left"], self.action["turn_right"])
+        return np.where(self.rng.random(self.size) < TURNS, side, self.action["walk"])
+
+    def _head(self, bearing: np.ndarray) -> np.ndarray:
+        """Return what leads toward `bearing` (n,), radians: a turn where it brings one nearer, else a walk."""
+        side = np.where(bearing > 0, self.action["turn_left"], self.action["turn_right"])
+        return np.where(np.abs(bearing) > math.pi / 4, side, self.action["walk"])
+
+
+class Prey(Scripted):
+    """Prey that eat and go to grass; those of `flees` (n,) turn away from a predator nearer than `wary` and walk."""
+
+    def __init__(self, group: Group, seed: np.random.SeedSequence, flees: np.ndarray, wary: float = WARY) -> None:
+        super().__init__(group, seed)
+        self.flees, self.wary = flees, wary
+
+    def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        """Return actions (n,)."""
+        zeta, at, do = observations.T, self.column, self.action
+        hungry = zeta[at["energy"]] < 0.2
+        chosen = np.where(hungry, self._wander(), do["rest"])
+        chosen = np.where(hungry & masks[:, do["go_to_grass"]], do["go_to_grass"], chosen)
+        chosen = np.where(masks[:, do["consume_grass"]], do["consume_grass"], chosen)
+        away = (zeta[at["predator_1_bearing"]] + 2 * math.pi) % (2 * math.pi) - math.pi
+        flees = self.flees & (zeta[at["predator_1_distance"]] < self.wary) & (zeta[at["energy"]] > STARVES)
+        return np.where(flees, self._head(away), chosen)
+
+
+class Predators(Scripted):
+    """Predators that turn to the nearest prey in sight, walk to it and bite it; they rest while sated."""
+
+    def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        """Return actions (n,)."""
+        zeta, at, do = observations.T, self.column, self.action
+        seen = zeta[at["prey_1_distance"]] < self.group.layout.high[at["prey_1_distance"]]
+        chosen = np.where(seen, self._head(zeta[at["prey_1_bearing"]]), self._wander())
+        chosen = np.where(zeta[at["energy"]] >= 0.2, do["rest"], chosen)
+        return np.where(masks[:, do["bite_prey"]], do["bite_prey"], chosen)
+
+
+# ---- what is seen of a world -------------------------------------------------------------------
+
+
+class Fates:
+    """An observer that counts, for the slots of one species in `classes` (n,), the ticks lived and the deaths."""
+
+    def __init__(self, env: Ecology, species: str, classes: np.ndarray) -> None:
+        self.rows, self.classes, count = env.groups[species].slots, classes, int(classes.max()) + 1
+        self.species, self.ticks, self.deaths, self.wounds = species, *np.zeros((3, count), np.int64)
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Count one tick."""
+        count = len(self.ticks)
+        self.ticks += np.bincount(self.classes[tick.alive[self.rows]], minlength=count)
+        died = np.flatnonzero(tick.died[self.rows])
+        if died.size:
+            self.deaths += np.bincount(self.classes[died], minlength=count)
+            bled = died[tick.observations[self.species][died, 1] <= -1.0] if self.species == "prey" else died[:0]
+            self.wounds += np.bincount(self.classes[bled], minlength=count)
+
+
+class Sightings:
+    """An observer of prey: how far the nearest predator is `later` ticks after one came in sight.
+
+    `distance` lists it, length; a prey that died meanwhile counts as caught, distance 0.
+    """
+
+    def __init__(self, env: Ecology, later: int = LATER) -> None:
+        self.prey, self.hunters = env.groups["prey"].slots, env.groups["predator"].slots
+        layout = env.groups["prey"].layout
+        self.column = layout.names.index("predator_1_distance")
+        self.far = layout.high[self.column]
+        self.past: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=later)  # who sighted (n,), serials (n,)
+        self.saw = np.ones(self.prey.stop - self.prey.start, bool)  # at the start nobody has just sighted one
+        self.distance: list[float] = []
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Look at one tick."""
+        alive, serial = tick.alive[self.prey], state.serial[self.prey].copy()
+        sees = alive & (tick.observations["prey"][:, self.column] < self.far)
+        if len(self.past) == self.past.maxlen:
+            sighted, known = self.past[0]
+            hunters = state.position[self.hunters][tick.alive[self.hunters]]
+            if sighted.any() and len(hunters):
+                gap = state.position[self.prey][sighted][:, None] - hunters
+                far = np.sqrt(np.square(gap).sum(-1).min(axis=1))
+                self.distance += np.where((alive & (serial == known))[sighted], far, 0.0).tolist()
+        self.past.append((sees & ~self.saw & ~tick.born[self.prey], serial))
+        self.saw = sees | ~alive
+
+
+# ---- the measures --------------------------------------------------------------------------------
+
+
+def pays(seed: int, ticks: int = 10_000, **settings: Any) -> dict[str, float]:
+    """Return life spans (ticks) and deaths by wound (per 1,000 ticks) of prey that flee and prey that do not.
+
+    Both are scripted and live together, half of the slots each, with scripted predators.
+    """
+    env = Ecology(scenarios.load("predator_prey", **settings))
+    prey, hunters = env.groups["prey"], env.groups["predator"]
+    flees = np.arange(prey.size) % 2 == 1
+    one, other = np.random.SeedSequence([seed, 0]).spawn(2)
+    fates = Fates(env, "prey", flees.astype(np.int64))
+    minds = {"prey": Prey(prey, one, flees), "predator": Predators(hunters, other)}
+    loop.run(env, minds, env.reset_arrays(seed), ticks, (fates,))
+    life, wounds = fates.ticks / np.maximum(fates.deaths, 1), 1_000 * fates.wounds / np.maximum(fates.ticks, 1)
+    return {"life": life[0], "life fleeing": life[1], "wounds": wounds[0], "wounds fleeing": wounds[1]}
+
+
+def learned(seed: int, ticks: int, learner: str = "lean", **settings: Any) -> tuple[Ecology, dict[str, Learner], Tick]:
+    """Return a world of `predator_prey` in which both kinds have learned for `ticks` ticks, its minds and last tick."""
+    env = Ecology(scenarios.load("predator_prey", **settings))
+    words = env.scenario.species[0].learner_settings
+    minds = {
+        name: agents.make(learner, group, np.random.SeedSequence([seed, group.index]), words)
+        for name, group in env.groups.items()
+    }
+    return env, minds, loop.run(env, minds, env.reset_arrays(seed), ticks)
+
+
+def flight(env: Ecology, prey: Learner, tick: Tick, ticks: int = 2_000, seed: int = 0) -> dict[str, float] | None:
+    """Return how far predators are after a sighting, under frozen `prey` and under random prey, length.
+
+    Both start from the world as it is, which is put back afterwards, with scripted predators. None where either
+    kind is extinct or sights nothing.
+    """
+    group, found = env.groups["prey"], {}
+    one, other = np.random.SeedSequence([seed, 1]).spawn(2)
+    prey.evaluating(EXPLORES)
+    before = env.snapshot()
+    for name, mind in (("learned", prey), ("random", agents.make("random", group, one, {}))):
+        sightings = Sightings(env)
+        minds = {"prey": mind, "predator": Predators(env.groups["predator"], other)}
+        loop.run(env, minds, tick, ticks, (sightings,))
+        tick = env.restore(*before)
+        if not sightings.distance:
+            return None
+        found[name] = float(np.mean(sightings.distance))
+    return {**found, "difference": found["learned"] - found["random"]}
+
+
+def fear(env: Ecology, prey: Learner, tick: Tick, ticks: int = 200) -> float | None:
+    """Return by how much -ln(gamma) J rises per unit of length toward the nearest predator, drive units per length.
+
+    The mean over prey of states in which a predator is in sight, over `ticks` ticks; every tenth is looked at. None
+    where there is no such state. Only the predator's distance is varied: its bearing stays as it is.
+    """
+    group = env.groups["prey"]
+    column = group.layout.names.index("predator_1_distance")
+    far, slopes = group.layout.high[column], list[float]()
+    hunters = Predators(env.groups["predator"], np.random.SeedSequence(0))
+    prey.evaluating(EXPLORES)
+    for _ in range(ticks // 10):
+        tick = loop.run(env, {"prey": prey, "predator": hunters}, tick, 10)
+        zeta = tick.observations["prey"]
+        for slot in np.flatnonzero(tick.alive[group.slots] & (zeta[:, column] < far - STEP) & (zeta[:, column] > STEP)):
+            at = np.repeat(zeta[slot][None], 2, axis=0)
+            at[:, column] += (-STEP, STEP)
+            value = prey.deviation(int(slot), at)
+            if value is not None:
+                slopes.append(float(value[0] - value[1]) / (2 * STEP))
+    return float(np.mean(slopes)) if slopes else None
+
+
+def newborns(seed: int, predators: str, ticks: int = 10_000, prey: str = "lean", **settings: Any) -> float:
+    """Return the life span, ticks, of predators of the learner `predators` that inherit nothing.
+
+    Newcomers arrive at a constant rate, so that short lives do not end the count.
+    """
+    env = Ecology(scenarios.load("predator_prey", **{"inherit": False, "arrival": ARRIVAL, **settings}))
+    words = env.scenario.species[0].learner_settings
+    minds = {
+        name: agents.make(learner, env.groups[name], np.random.SeedSequence([seed, k]), _known(learner, words))
+        for k, (name, learner) in enumerate({"prey": prey, "predator": predators}.items())
+    }
+    fates = Fates(env, "predator", np.zeros(env.groups["predator"].size, np.int64))
+    loop.run(env, minds, env.reset_arrays(seed), ticks, (fates,))
+    return float(fates.ticks[0] / max(fates.deaths[0], 1))
+
+
+def _known(learner: str, words: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in words.items() if name in agents.settings(learner)}
+
+
+# ---- the cases of the certificate ----------------------------------------------------------------
+
+
+def cases() -> list[Case]:
+    """Return the cases: whether fleeing pays, whether it is learned, and how long newborn predators live."""
+    return [
+        Case("fleeing", "whether fleeing pays in predator_prey, scripted prey and predators", _pays_parts, _pays_rows),
+        Case("fear", "learned flight, and J toward a predator by wound", _fear_parts, _fear_rows),
+        Case("newborns", "life span of predators that inherit nothing", _newborn_parts, _newborn_rows),
+    ]
+
+
+def _words(**more: Any) -> dict[str, Any]:
+    return {"world": world_digest(scenarios.load("predator_prey")), **more}
+
+
+def _pays_parts() -> list[Part]:
+    return [Part(f"seed-{s}", _words(ticks=10_000), 12.0, functools.partial(pays, s)) for s in range(SEEDS)]
+
+
+def _pays_rows(done: Mapping[str, Any]) -> list[Row]:
+    given = "no number to compare with"
+    lives = list(done.values())
+    rows = [Row(f"scripted prey: {name}", [life[name] for life in lives], verdict=given) for name in (lives or [{}])[0]]
+    if lives:
+        ratio = [life["wounds fleeing"] / max(life["wounds"], 1e-9) for life in lives]
+        interval = Row("", ratio).interval()
+        halved = interval is not None and interval[1] < 0.5
+        rows.append(Row("deaths by wound, fleeing / not", ratio, verdict="halved" if halved else "not halved"))
+    return rows
+
+
+def _scared(wound: float, seed: int) -> dict[str, Any]:
+    """Return flight and fear of prey that learned for TICKS ticks under `wound`."""
+    env, minds, tick = learned(seed, TICKS, wound=wound)
+    before, fled = env.snapshot(), flight(env, minds["prey"], tick, seed=seed)
+    return {"flight": fled, "fear": fear(env, minds["prey"], env.restore(*before))}
+
+
+def _fear_parts() -> list[Part]:
+    words = _words(ticks=TICKS)
+    return [
+        Part(f"{wound:g}-seed-{s}", words, 300.0, functools.partial(_scared, wound, s))
+        for wound in WOUNDS
+        for s in range(SEEDS)
+    ]
+
+
+def _fear_rows(done: Mapping[str, Any]) -> list[Row]:
+    rows = []
+    for wound in WOUNDS:
+        lives = [life for key, life in done.items() if key.startswith(f"{wound:g}-")]
+        for what, values in (
+            ("distance after a sighting, learned - random", [d["flight"]["difference"] for d in lives if d["flight"]]),
+            ("slope of J toward a predator", [d["fear"] for d in lives if d["fear"] is not None]),
+        ):
+            if values:
+                row = Row(f"{what}, wound {wound:g}", values)
+                low, high = row.interval() or (-math.inf, math.inf)
+                verdict = "above 0" if low > 0 else "below 0" if high < 0 else "cannot be told from 0"
+                rows.append(replace(row, verdict=verdict))
+    return rows
+
+
+def _newborn_parts() -> list[Part]:
+    return [
+        Part(f"{name}-seed-{s}", _words(ticks=10_000, arrival=ARRIVAL), 150.0, functools.partial(newborns, s, name))
+        for name in ("lean", "random")
+        for s in range(SEEDS)
+    ]
+
+
+def _newborn_rows(done: Mapping[str, Any]) -> list[Row]:
+    lives = {name: [life for key, life in done.items() if key.startswith(name)] for name in ("lean", "random")}
+    rows = [
+        Row(f"ticks lived by predators, {name}", found, verdict="no number to compare with")
+        for name, found in lives.items()
+        if found
+    ]
+    if all(lives.values()):
+        ratio = (np.array(lives["lean"][: len(lives["random"])]) / lives["random"][: len(lives["lean"])]).tolist()
+        interval = Row("", ratio).interval()
+        doubled = interval is not None and interval[0] > 2.0
+        rows.append(Row("ticks lived, learned / random", ratio, verdict="doubled" if doubled else "not doubled"))
+    return rows
