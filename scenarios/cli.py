@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 import typer.core
+from numba.core import event
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -35,7 +36,7 @@ from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.errors import check_writable, describe_refusal, is_from_system, nearest, writable
 from ecology.observers.base import Mind, Observer
 from ecology.observers.wishes import Wishes
-from scenarios import _faults, _run
+from scenarios import _compiling, _faults, _run
 from scenarios._plan import read_config, resolve
 from scenarios._run import Run, StoppedError, Tally
 from scenarios._values import read_value
@@ -60,14 +61,19 @@ app = typer.Typer(
 )
 
 
-@app.callback()
-def common(
-    version: Annotated[bool, typer.Option("--version", is_eager=True, help="Print the version and exit.")] = False,
-) -> None:
-    """An ecology sandbox: self-regulated agents that learn their bodies and their world."""
-    if version:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         print(f"ecology {ecology.__version__}")
         raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """An ecology sandbox: self-regulated agents that learn their bodies and their world."""
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -76,8 +82,11 @@ def main(words: Sequence[str] | None = None) -> None:
     Before the message of an exception in a user's own code stand the frames from there on.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it; on small networks threads only cost
+    given = list(sys.argv[1:] if words is None else words)
+    _compiling.notice.say = _ignore if "--quiet" in given else _compiling.Lines(_print_error)
     try:
-        app(args=_spelt(list(sys.argv[1:] if words is None else words)))
+        with event.install_listener("numba:compile", _compiling.notice):
+            app(args=_spelt(given))
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
     except Exception as error:
@@ -87,6 +96,16 @@ def main(words: Sequence[str] | None = None) -> None:
         frames = told.frames if isinstance(told, _faults.FaultError) else ""
         print(f"{frames}ecology: {told}", file=sys.stderr)
         sys.exit(2)
+
+
+def _ignore(words: str) -> None:
+    """Print nothing."""
+
+
+def _print_error(words: str) -> None:
+    """Print a line on stderr; a terminal that hung up stops nothing."""
+    with contextlib.suppress(OSError):
+        print(words, file=sys.stderr, flush=True)
 
 
 def _refused(error: Exception) -> EcologyError | None:
@@ -446,6 +465,7 @@ class Progress:
         self._every = REFRESH if self._console.is_terminal else LINE
         self._bar: Any = None
         self._from, self._then = 0, 0.0  # tick and time of the last picture
+        self._compiled, self._say = 0, _compiling.notice.say  # functions so far; who says so without a bar
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Start the bar."""
@@ -463,9 +483,20 @@ class Progress:
             )
             self._bar.start()
             self._task = self._bar.add_task("", total=self._ticks, completed=self._from)
+            self._say, _compiling.notice.say = _compiling.notice.say, self._describe
+        self._compiled = _compiling.notice.count
+
+    def _describe(self, words: str) -> None:
+        """Show in the bar what keeps the run waiting."""
+        with contextlib.suppress(OSError):
+            self._bar.update(self._task, description=words)
+            self._bar.refresh()
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
-        """Renew the picture, a few times per second at most."""
+        """Renew the picture, a few times per second at most; a tick that compiled something is no measure of speed."""
+        if self._compiled != _compiling.notice.count:
+            self._compiled = _compiling.notice.count
+            self._from, self._then = self._tally.tick, time.monotonic()
         if time.monotonic() >= self._then + self._every:
             with contextlib.suppress(OSError):  # a terminal that hung up stops nothing
                 self._show(minds)
@@ -494,6 +525,7 @@ class Progress:
     def end(self) -> None:
         """Leave the last picture."""
         if self._bar is not None:
+            _compiling.notice.say = self._say
             with contextlib.suppress(OSError):
                 self._bar.update(self._task, completed=self._tally.tick)
                 self._bar.refresh()

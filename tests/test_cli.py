@@ -101,9 +101,12 @@ def test_a_new_scenario_runs(ecology: Command, short: Command, tmp_path: Path) -
     assert scenarios.load("my_world.py").name == "my_world"
     text = Path("my_world.py").read_text()
     assert "NAME" not in text
-    code, out, err = short("my_world.py", "--set", "decay=0.01")
-    assert (code, err) == (0, "")
-    assert str(Path("runs/my_world-0")) in out
+    code, out, err = short("my_world.py", "--set", "decay=0.01", "--quiet")
+    assert (code, out, err) == (0, "", "")
+    code, out, _ = short("my_world.py", "--set", "decay=0.01", "--out", "runs/second")
+    assert code == 0
+    assert Path("runs/my_world-0/config.toml").exists()
+    assert str(Path("runs/second")) in out
     Path("my_world.py").write_text(text + "\n# mine\n")
     code, out, _ = ecology("check", "my_world.py", "--ticks", "60")
     assert code == 0
@@ -847,7 +850,7 @@ def test_a_learner_may_be_several_files(short: Command, tmp_path: Path) -> None:
         "        return np.full(self.size, CHOICE)\n"
     )
     try:
-        code, _, err = short("paper", "--learner", "own/mine.py")
+        code, _, err = short("paper", "--learner", "own/mine.py", "--quiet")
         assert (code, err) == (0, "")
     finally:
         sys.modules.pop("tricks", None)
