@@ -13,6 +13,13 @@ LEARNER = {  # of f/J: one decision a tick and a short memory, for worlds of a f
     "batch_f": 64,
     "place_cells": 0,
     "imagined": 0.0,
+    "depth": 1,
+    "errors": 0,
+    "update_every": 4.0,
+    "updates": 1,
+    "epsilon": 0.5,
+    "epsilon_final": 0.1,
+    "youth": 500.0,
 }
 
 

@@ -132,7 +132,7 @@ def hjb(name: str, settings: Mapping[str, Any], count: int, ticks: int, cap: int
     Each actor learns for itself, from its own world alone; they are stacked for speed.
     """
     worlds = Worlds(name, settings, count, seed, cap)
-    own = {"life": float(ticks), **worlds.envs[0].scenario.species[0].learner_settings}
+    own = worlds.envs[0].scenario.species[0].learner_settings
     learner: Learner = agents.make("hjb", worlds.group, np.random.SeedSequence([seed, count, 1]), own)
     for _ in range(ticks):
         before, open_ = worlds.zeta.copy(), worlds.masks.copy()

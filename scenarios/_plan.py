@@ -179,7 +179,7 @@ def resolve(
     for unknown in given.keys() - chosen.keys():
         raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
     ticks = world.ticks if ticks is None else ticks
-    resolved = _tweaked(chosen, tweaks, life=ticks * float(world.dt))
+    resolved = _tweaked(chosen, tweaks)
     _check_device(words.get("device", "cpu"), {name for name, _ in resolved.values()})
     plan = Plan(
         scenario=_placed(scenario),
@@ -212,15 +212,9 @@ def _owners(species: str, chosen: Chosen) -> list[str]:
     return [species] if species else list(chosen)
 
 
-def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], life: float) -> Chosen:
-    """Return every learner with its defaults filled in and `tweaks` applied.
-
-    A learner's setting `life`, over which its schedules run, is by default the run's length.
-    """
+def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any]) -> Chosen:
+    """Return every learner with its defaults filled in and `tweaks` applied."""
     defaults = {owner: agents.settings(name) for owner, (name, _) in chosen.items()}
-    for settings in defaults.values():
-        if "life" in settings:
-            settings["life"] = life
     full = {owner: (name, {**defaults[owner], **own}) for owner, (name, own) in chosen.items()}
     for key, value in tweaks.items():
         match = re.fullmatch(r"(?:(\w+)\.)?learner\.(\w+)", key)

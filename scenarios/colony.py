@@ -36,7 +36,10 @@ NEST = 1.0  # side, length
 WALK = 0.1  # length per unit of time
 EATS, GIVES = 0.1, 0.05  # units per unit of time
 SET_POINT, FULL = 2.0, 4.0
-SMALL = {"width": 32, "batch": 32, "batch_f": 32, "memory": 3000, "update_every": 4.0, "place_cells": 0, "pause": 10.0}
+SMALL = {  # hjb
+    "width": 32, "batch": 32, "batch_f": 32, "memory": 3000, "update_every": 4.0, "updates": 1, "place_cells": 0,
+    "pause": 10.0, "depth": 1, "errors": 0,
+}  # fmt: skip
 
 
 def build(

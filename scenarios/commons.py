@@ -19,7 +19,10 @@ from ecology import Arena, Growth, Need, Neighbours, Resource, Scenario, Species
 WALK = 0.1  # length per unit of time
 PATCH = 0.35  # radius of the pool, times the side of the arena: all find room in it
 THICK, DEEP = 0.02, 0.3  # of the inner walls, times the side of the arena
-SMALL = {"width": 16, "batch": 32, "batch_f": 32, "memory": 2000, "update_every": 4.0, "place_cells": 0}  # hjb
+SMALL = {  # hjb
+    "width": 16, "batch": 32, "batch_f": 32, "memory": 2000, "update_every": 4.0, "updates": 1, "place_cells": 0,
+    "depth": 1, "errors": 0,
+}  # fmt: skip
 
 
 def build(

@@ -84,6 +84,7 @@ def build(
             "width": 48,
             "epsilon": 0.9,
             "epsilon_final": 0.2,
+            "youth": 3000.0,
             "update_every": 1.0,
         },
     )

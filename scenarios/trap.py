@@ -94,7 +94,14 @@ def build(condition: str = "full", weight: float = 0.5, perceived: bool = True, 
         solid=False,
         drive_epsilon=1e-12,
         drive_exponent=2.0,
-        learner_settings={**LEARNER, "gamma": 0.97, "place_cells": 32, "place_spacing": 0.3, "place_width": 0.25},
+        learner_settings={
+            **LEARNER,
+            "gamma": 0.97,
+            "youth": 4000.0,
+            "place_cells": 32,
+            "place_spacing": 0.3,
+            "place_width": 0.25,
+        },
     )
     field = Arena(vertices=((-1.3, -1.3), (1.3, -1.3), (1.3, 1.3), (-1.3, 1.3)))  # food lies within [-1, 1]^2
     food = Resource(name="food", position=(0.0, 0.0), radius=REACH, stock=1.0, motion=Relocation())

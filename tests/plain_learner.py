@@ -151,7 +151,7 @@ class PlainAgent:
         return self.drive(zeta[:, None] + rate * self.dt) - climb / math.log(self.s.gamma)
 
     def hoped(self, zeta: Tensor, value: Tensor) -> Tensor:
-        """Return Jn (...) at zeta (..., D) as an optimist takes it: lower where zeta is beyond the reach of all marks."""
+        """Return Jn (...) at zeta (..., D) as an optimist takes it: lower beyond the reach of all marks."""
         share, more = self.own(self.learner.hope)
         marks, marked = (self.own(array) for array in self.learner.curiosity.places)
         if not 0 < marked < marks.shape[1]:

@@ -10,11 +10,14 @@ import pytest
 
 import agents
 import scenarios
-from agents import loop
+from agents import kernels, loop
 from agents.base import DivergedError
+from agents.curiosity import Curiosity
+from agents.device import Cpu
 from agents.hjb import ALGORITHM1, HJB
 from agents.movements import adaptive, single_ticks
 from ecology import Arena, Ecology, EcologyError, Need, Resource, Scenario, Species, consume, move, rest
+from scenarios._plan import resolve
 
 SEED = np.random.SeedSequence(3)
 SMALL = {"width": 24, "batch": 32, "batch_f": 32, "place_cells": 16, "memory": 500}
@@ -68,9 +71,9 @@ def test_learned_deviation_function_converges_to_the_best_one() -> None:
     scenario = toy()
     env = Ecology(scenario)
     group = env.groups["eater"]
-    settings = {"gamma": 0.97, "life": 14_000.0, "width": 32, "pause": 3.0, "meal": 2.0, "memory": 4000}
-    learner = agents.make("hjb", group, SEED, {**settings, "update_every": 1.0})
-    loop.run(env, {"eater": learner}, env.reset_arrays(0), 14_000)
+    settings = {"gamma": 0.97, "width": 32, "pause": 3.0, "meal": 2.0, "memory": 4000}
+    learner = agents.make("hjb", group, SEED, settings)
+    loop.run(env, {"eater": learner}, env.reset_arrays(0), 10_000)
     grid = np.linspace(0.0, 4.0, 801)
     best = best_deviation(0.97, {"rest": 3, "consume_food": 2}, grid)
     lived = (grid > 0.2) & (grid < 2.8)  # where needs are imagined: -x* to 0.4 x*
@@ -101,8 +104,8 @@ def test_it_walks_to_the_food_from_either_side() -> None:
         species=(species,),
     )
     env = Ecology(scenario)
-    learner = agents.make("hjb", env.groups["walker"], SEED, {"life": 8000.0, "update_every": 4.0, "gamma": 0.98})
-    loop.run(env, {"walker": learner}, env.reset_arrays(1), 8000)
+    learner = agents.make("hjb", env.groups["walker"], SEED, {"gamma": 0.98})
+    loop.run(env, {"walker": learner}, env.reset_arrays(1), 4000)
     learner.evaluating(0.0)
     chosen = {}
     for x in (0.6, 1.6, 4.4, 5.4):
@@ -245,25 +248,81 @@ def test_explored_walks_go_on() -> None:
 
 
 def test_an_optimist_goes_where_it_has_not_been() -> None:
-    """After 8,000 ticks the optimist of six that knows least has been in more places than others have in the mean.
+    """After 1,500 ticks six optimists know a quarter more places than six that are not, in the mean; tests hold no hope.
 
-    The hope falls with age, and is gone in an evaluation.
+    Measured: 27 places against 17.
     """
     scenario = scenarios.load("paper")
     many = replace(scenario.species[0], count=6, solid=False)
     known = {}
-    for optimism in (0.0, 1.0):
+    for optimism in (0.0, 0.15):
         env = Ecology(replace(scenario, species=(many,)))
-        words = {"life": 60_000.0, "optimism": optimism, "persistence": 1}
-        learner = agents.make("hjb", env.groups["agent"], SEED, words)
+        learner = agents.make("hjb", env.groups["agent"], SEED, {"optimism": optimism, "updates": 1, "persistence": 1})
         assert isinstance(learner, HJB)
-        tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 8_000)
-        known[optimism] = learner.cell_count.copy()
-        assert learner.hope == pytest.approx(np.full(6, optimism / 3), abs=1e-3)
+        tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 1_500)
+        known[optimism] = learner.cell_count.mean()
+        assert learner.hope.all() == (optimism > 0)
         learner.evaluating(0.0)
         loop.run(env, {"agent": learner}, tick, 50)
         assert not learner.hope.any()
-    assert known[1.0].min() > known[0.0].mean()
+    assert known[0.15] > 1.25 * known[0.0]
+
+
+def test_curiosity_follows_what_the_unknown_has_brought() -> None:
+    """A place reached is known within its reach, one aimed at in vain within a smaller one; failures bore."""
+    curious = Curiosity(2, 8, 1.0, 0.5, 0.1, Cpu(paper_learner()[1].senses, 2))
+    both, one = np.array([0, 1]), np.array([1])
+    start = np.zeros((2, 2), np.float32)
+    curious.learn(both, start, start)
+    assert curious.level == pytest.approx([1.0, 1.0])
+    wall = np.array([[0.0, 1.5]], np.float32)
+    for failures in range(1, 4):  # only the first is an attempt at the unknown: then the place is known to be none
+        curious.learn(one, wall, start[:1])
+        assert curious.level == pytest.approx([1.0, 0.9]), failures
+    places = np.array([[0.0, 0.9], [0.0, 1.9]], np.float32)
+    assert curious.unknown(both, places, 1.0).tolist() == [False, False]
+    assert curious.unknown(both, places[::-1], 1.0).tolist() == [True, False]
+    curious.learn(one, np.array([[0.0, 4.0]], np.float32), np.array([[0.0, 4.0]], np.float32))
+    assert curious.level == pytest.approx([1.0, 0.91])
+    assert curious.marked.tolist() == [1, 3]
+
+
+def test_a_remembered_error_corrects_f_near_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A walk that a wall has stopped is predicted to be stopped there, at once; elsewhere f is as it was."""
+    env, learner = paper_learner(errors=4, depth=1)
+    at = HERE.copy()
+    walk = learner.moves.names.index("walk")
+    told = learner.predict(0, at)["change"][0, walk]
+    learner.began[0], learner.movement[0], learner.elapsed[0] = at[0], walk, 10
+    learner._note(np.array([0]), at)  # ends where it began
+    assert learner.trace.error[0, 0, :-1] == pytest.approx(-told, abs=1e-6)
+    size, bias, support = (
+        learner.components + 1,
+        np.zeros((learner.count, learner.components + 1), np.float32),
+        np.zeros(learner.count, np.float32),
+    )
+    trace = (learner.trace.where[0], learner.trace.movement[0], learner.trace.error[0], learner.trace.time[0], 1)
+    kernels.recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
+    assert bias[walk, :-1] == pytest.approx(-told / 1.3, abs=1e-6)  # the prior of no error weighs 0.3
+    assert not np.delete(bias, walk, axis=0).any()
+    at[0, 6] += 2.0
+    kernels.recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
+    assert bias.shape[1] == size
+    assert not bias.any()
+
+
+def test_the_learner_does_not_know_how_long_the_run_is() -> None:
+    """A run of 300 ticks is, bit for bit, the first half of one of 600: no setting follows the length."""
+    found = {}
+    for ticks in (300, 600):
+        plan = resolve("paper", ticks=ticks, record=False)
+        env = Ecology(plan.load())
+        learner = agents.make("hjb", env.groups["agent"], SEED, plan.learners["agent"].settings)
+        loop.run(env, {"agent": learner}, env.reset_arrays(0), 300)
+        found[ticks] = learner.state()[0], env.state_view.position
+    for name, array in found[300][0].items():
+        assert np.array_equal(array, found[600][0][name], equal_nan=True), name
+    assert np.array_equal(found[300][1], found[600][1])
 
 
 def test_a_life_goes_on_from_its_state() -> None:
@@ -305,7 +364,8 @@ def test_a_number_that_is_not_finite_stops_the_run() -> None:
         ({"width": 0}, "width must be 1 or more, got 0"),
         ({"batch_f": -1}, "batch_f must be 1 or more, got -1"),
         ({"pause": math.nan}, "pause must be positive and finite, got nan"),
-        ({"life": math.inf}, "life must be positive and finite, got inf"),
+        ({"youth": math.inf}, "youth must be positive and finite, got inf"),
+        ({"life": 1000.0}, "life"),
         ({"place_width": 1e-30}, "place_width must be a length of at least 0.001"),
         ({"optimism": 1.5}, "optimism must be from 0 to 1, got 1.5"),
         ({"width": 6.5}, "width is of type int, got 6.5"),

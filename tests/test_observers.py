@@ -656,7 +656,7 @@ def test_a_decision_is_the_one_that_is_taken(name):
     """The movement of least score among those open is the one that the learner takes; the sum is a sum."""
     env = Ecology(scenarios.load("paper"))
     tick = env.reset_arrays(1)
-    minds = {"agent": agents.make(name, env.groups["agent"], np.random.SeedSequence(2), {"life": 1000.0})}
+    minds = {"agent": agents.make(name, env.groups["agent"], np.random.SeedSequence(2), {})}
     mind = minds["agent"]
     tick = run(env, minds, tick, 600)
     mind.evaluating(0.0)

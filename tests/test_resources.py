@@ -657,7 +657,7 @@ def test_a_yardstick_that_counts_on_constant_resources_declines_others():
 def test_a_learner_lives_around_stocks():
     """The f/J learner acts on the open actions of a world whose resources run out and move."""
     env = crowd()
-    learner = agents.make("hjb", env.groups["agent"], np.random.SeedSequence(0), {"life": 100.0})
+    learner = agents.make("hjb", env.groups["agent"], np.random.SeedSequence(0), {})
     loop.run(env, {"agent": learner}, env.reset_arrays(seed=0), ticks=40)
     assert env.state_view.tick == 40
 
