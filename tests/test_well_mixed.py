@@ -36,7 +36,10 @@ def area(env: ecology.Ecology) -> float:
 def lives(culling: float, displacement: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers of prey and predators (seeds, ticks, 2) over some periods, and the slots (2,)."""
     changes = {"growth": GROWTH, "mortality": MORTALITY, "culling": culling, "displacement": displacement}
-    env = ecology.parallel_env(scenarios.load("well_mixed", prey=PREY, **changes))
+    world = scenarios.load("well_mixed", prey=PREY, **changes)
+    prey, predators = world.species
+    roomy = dataclasses.replace(prey, capacity=2 * prey.slots)  # a wide cycle comes near the slots that it has
+    env = ecology.parallel_env(dataclasses.replace(world, species=(roomy, predators)))
     rows = [env.groups[name].slots for name in ("prey", "predator")]
     ticks = round(PERIODS * period(GROWTH - culling, MORTALITY + culling))
     wanted = np.zeros(env.size, np.int64)  # rest: the world makes a bite of it where there is prey in reach
