@@ -128,10 +128,10 @@ class Physics:
             buffer.clear()
             pymunk.batch.get_space_bodies(space, MOVE, buffer)
             moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)
-            after, changed = glide(
+            after, corrected = glide(
                 moved, self.count, h, self.corners, self.radius, position, after, seen, bends, left == 0
             )
-            held += changed
+            held += corrected
         return after, held
 
     def memory(self) -> dict[str, np.ndarray]:

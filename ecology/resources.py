@@ -217,7 +217,7 @@ def first_places(table: ResourceTable, rng: np.random.Generator) -> Floats:
     """Return where the resources are at the start, (R, 2): scattered ones anywhere in their room."""
     places = table.position.copy()
     for i in np.flatnonzero(np.isnan(places[:, 0])):
-        places[i] = _anywhere(table, i, rng)
+        places[i] = _anywhere(table, int(i), rng)
     return swing(table, places, 0.0)
 
 
@@ -283,5 +283,5 @@ def relocate(table: ResourceTable, places: Floats, emptied: Bools, rng: np.rando
     if gone.any():
         places = places.copy()
         for i in np.flatnonzero(gone):
-            places[i] = _anywhere(table, i, rng)
+            places[i] = _anywhere(table, int(i), rng)
     return places, gone

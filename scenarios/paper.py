@@ -8,6 +8,7 @@ every threshold of its body.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from ecology import Action, Arena, Need, Resource, Scenario, Species, consume, go_to, move, rest, sleep, turn
 
@@ -47,7 +48,7 @@ def build(
         Need(name="muscle_fatigue", set_point=0.0, start=0.1, decay=RECOVERS, bounds=(0.0, 10.0)),
         Need(name="sleep_fatigue", set_point=0.0, start=0.1, decay=-WAKING, bounds=(0.0, 12.0)),
     )
-    step = {"control": {"muscle_fatigue": TIRES_WALKING}, "closes_at": {"muscle_fatigue": WALK_UP_TO}}
+    step: dict[str, Any] = {"control": {"muscle_fatigue": TIRES_WALKING}, "closes_at": {"muscle_fatigue": WALK_UP_TO}}
     sprint = {"control": {"muscle_fatigue": TIRES_RUNNING}, "closes_at": {"muscle_fatigue": RUN_UP_TO}}
     spin = {"control": {"muscle_fatigue": TIRES_TURNING}, "closes_at": {"muscle_fatigue": WALK_UP_TO}}
     motions: tuple[Action, ...]

@@ -13,6 +13,7 @@ per unit of time of `paper`. Where this world still differs from that code:
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from ecology import (
     Action,
@@ -84,7 +85,7 @@ def build(
         )
         for name, leak, ceiling in (("muscle_fatigue", MUSCLE_LEAK, 10.0), ("sleep_fatigue", -WAKING, 12.0))
     )
-    step = {"control": {"muscle_fatigue": TIRES_WALKING}, "closes_at": {"muscle_fatigue": WALK_UP_TO}}
+    step: dict[str, Any] = {"control": {"muscle_fatigue": TIRES_WALKING}, "closes_at": {"muscle_fatigue": WALK_UP_TO}}
     sprint = {"control": {"muscle_fatigue": TIRES_RUNNING}, "closes_at": {"muscle_fatigue": RUN_UP_TO}}
     spin = {"control": {"muscle_fatigue": TIRES_TURNING}, "closes_at": {"muscle_fatigue": WALK_UP_TO}}
     motions: tuple[Action, ...]
