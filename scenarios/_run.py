@@ -557,6 +557,8 @@ def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
         ]
     except FileNotFoundError:
         return
+    except EcologyError:
+        raise
     except (ValueError, AttributeError) as error:
         raise EcologyError(f"the evaluation {str(path)!r} is damaged ({error}); {then}") from error
     if differ:

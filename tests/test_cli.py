@@ -380,7 +380,7 @@ def test_an_evaluation_is_replaced_by_its_like_alone(ecology: Command, monkeypat
     assert ecology(*evaluate, "40", "--again") == (0, "", "")
     assert json.loads(Path("mine/evaluation.json").read_text())["ticks"] == 40
     Path("mine/evaluation.json").write_text("[]")
-    assert "cannot be read" in ecology(*evaluate, "40")[2]
+    assert "is damaged" in ecology(*evaluate, "40")[2]
     assert Path("mine/evaluation.json").read_text() == "[]"
 
 

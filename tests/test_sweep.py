@@ -252,7 +252,7 @@ def test_a_table_loses_no_row(sweep: Sweep, quick: list[str]) -> None:
     assert sweep("--set", "decay=0.01,0.05,0.1", words[2], words[3], "--seeds", "0:3")[0] == 0
     assert len(quick) == len(rows()["run"]) == 18
     Path("out/sweep.parquet").write_bytes(b"mine")
-    assert "cannot be read; move it away" in sweep(*words, "--seeds", "0:2")[2]
+    assert "is damaged" in sweep(*words, "--seeds", "0:2")[2]
 
 
 def test_what_cannot_be_measured_keeps_its_row(sweep: Sweep, quick: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
