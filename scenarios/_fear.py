@@ -19,9 +19,10 @@ import scenarios
 from agents import loop
 from agents.base import Learner
 from ecology import Ecology, Group, State, Tick
-from ecology.observers.base import Mind
+from ecology.observers.base import Mind, Observer
 from scenarios._plan import world_digest
 from scenarios._reproduce import Case, Part, Row
+from scenarios.predator_prey import HUNT_SIGHT
 
 TURNS = 0.1  # probability per tick that a scripted agent turns while it sees nothing to go to
 STARVES = -0.8  # deviation of energy below which scripted prey eat although a predator is near, units
@@ -86,7 +87,7 @@ class Predators(Scripted):
 # ---- what is seen of a world -------------------------------------------------------------------
 
 
-class Fates:
+class Fates(Observer):
     """An observer that counts, for the slots of one species in `classes` (n,), the ticks lived and the deaths."""
 
     def __init__(self, env: Ecology, species: str, classes: np.ndarray) -> None:
@@ -104,17 +105,16 @@ class Fates:
             self.wounds += np.bincount(self.classes[bled], minlength=count)
 
 
-class Sightings:
-    """An observer of prey: how far the nearest predator is `later` ticks after one came in sight.
+class Sightings(Observer):
+    """An observer of prey: how far the nearest predator is `later` ticks after one came nearer than `near`.
 
-    `distance` lists it, length; a prey that died meanwhile counts as caught, distance 0.
+    `near` is how far predators see. A prey that flees a farther one hovers at the edge of its own sight, which says
+    little. `distance` lists it, length; a prey that died meanwhile counts as caught, distance 0.
     """
 
-    def __init__(self, env: Ecology, later: int = LATER) -> None:
+    def __init__(self, env: Ecology, later: int = LATER, near: float = HUNT_SIGHT) -> None:
         self.prey, self.hunters = env.groups["prey"].slots, env.groups["predator"].slots
-        layout = env.groups["prey"].layout
-        self.column = layout.names.index("predator_1_distance")
-        self.far = layout.high[self.column]
+        self.column, self.near = env.groups["prey"].layout.names.index("predator_1_distance"), near
         self.past: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=later)  # who sighted (n,), serials (n,)
         self.saw = np.ones(self.prey.stop - self.prey.start, bool)  # at the start nobody has just sighted one
         self.distance: list[float] = []
@@ -122,7 +122,7 @@ class Sightings:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Look at one tick."""
         alive, serial = tick.alive[self.prey], state.serial[self.prey].copy()
-        sees = alive & (tick.observations["prey"][:, self.column] < self.far)
+        sees = alive & (tick.observations["prey"][:, self.column] < self.near)
         if len(self.past) == self.past.maxlen:
             sighted, known = self.past[0]
             hunters = state.position[self.hunters][tick.alive[self.hunters]]
