@@ -186,9 +186,8 @@ class Torch(Device):
         found = []
         for part in self._parts(len(slots), brains, self._beam()):
             who = at[part]
-            own, memory = (
-                type(whole)(*(array[who] for array in whole)) for whole in (brains, ring._replace(lived=lived))
-            )
+            own = Brains(*(array[who] for array in brains))
+            memory = Ring(*(array[who] for array in ring._replace(lived=lived)))
             noted = Trace(*(self.on(array[slots[part]]) for array in trace))
             found.append(self._look_ahead(states[part], options[part], own, memory, noted, now[part]))
         return self.off(torch.cat(found))

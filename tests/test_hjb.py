@@ -165,19 +165,18 @@ def test_slope_is_the_derivative_of_the_deviation_function() -> None:
 
 def test_score_over_a_movement_tends_to_the_papers_score() -> None:
     """For a short movement, score - Jn = -ln(gamma) tau (d + dJ/dzeta . f - Jn) up to order tau^2."""
-    env, learner = paper_learner(adaptive_steps=False, place_cells=0, depth=1, errors=0, learn_value=False)
+    env, learner = paper_learner(adaptive_steps=False, place_cells=0, depth=1, errors=0, update_every=4.0, updates=1)
     loop.run(env, {"agent": learner}, env.reset_arrays(0), 300)
     learner.target[0, -learner.J.last : -1] += np.linspace(-0.2, 0.2, learner.J.last - 1)
+    learner.f.weights[0, -learner.f.last :] *= 0.1  # short steps, for which the two agree
     gamma, found = learner.settings.gamma, learner.predict(0, HERE)
     change, duration = found["change"][0], found["duration"][0]
-    short = (duration < 2.0) & (np.abs(change[:, -1]) < 0.3)  # all but sleep and turns
-    assert short.sum() >= 5
     now = learner.deviation(0, HERE)
     whole = all_scores(learner, HERE) - now
     first = drive(HERE) + change / duration[:, None] @ learner.slope(0, HERE)[0] / -math.log(gamma)
     limit = -math.log(gamma) * duration * (first - now)
-    assert whole[short] == pytest.approx(limit[short], abs=1e-3)
-    assert np.abs(limit[short]).max() > 1e-2
+    assert whole == pytest.approx(limit, abs=1e-3)
+    assert np.abs(limit).max() > 1e-2
 
 
 def test_algorithm_1_scores_as_printed() -> None:
@@ -256,7 +255,7 @@ def test_explored_walks_go_on() -> None:
 
 
 def test_an_optimist_goes_where_it_has_not_been() -> None:
-    """After 1,500 ticks six optimists know a quarter more places than six others, in the mean; evaluations hold no hope.
+    """After 1,500 ticks six optimists know a quarter more places than six others; evaluations hold no hope.
 
     Measured: 27 places against 17.
     """
