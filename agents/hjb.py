@@ -364,7 +364,8 @@ class HJB(Learner):
         self.J.redraw(new)
         blank, to, from_ = (self.device.on(rows) for rows in (new, heirs, parents[own]))
         self.target[blank] = self.J.weights[blank]
-        self.cell_count[blank], self.curiosity.marked[blank] = 0, 0
+        for array in (self.cell_centre, self.cell_count, *self.curiosity.places):
+            array[blank] = 0
         for array in (
             self.f.weights, self.J.weights, self.target, self.cell_centre, self.cell_count, *self.curiosity.places,
         ):  # fmt: skip

@@ -113,6 +113,11 @@ def test_a_world_leaves_what_it_is_given_as_it_was(name: str) -> None:
     put.stays()  # nor is it written into later
 
 
+def mask_of(seen: Any, count: int) -> np.ndarray:
+    """Return the mask of `count` actions in an observation, be it a dict or a vector that ends with it."""
+    return seen["action_mask"] if isinstance(seen, dict) else seen[-count:]
+
+
 @pytest.mark.parametrize("name", EVERY)
 def test_the_dicts_leave_what_they_are_given_as_it_was(name: str) -> None:
     """`reset` and `step` change neither options nor actions, in a world and in one of fixed slots."""
@@ -120,11 +125,12 @@ def test_the_dicts_leave_what_they_are_given_as_it_was(name: str) -> None:
     for env in (parallel_env(scenario), FixedSlots(parallel_env(scenario))):
         options: dict[str, Any] = {"any": [1]}
         given = Given(options=options, scenario=scenario)
-        _, infos = env.reset(seed=4, options=options)
+        seen, infos = env.reset(seed=4, options=options)
         for _ in range(3):
-            actions = {agent: int(np.argmax(infos[agent]["action_mask"])) for agent in env.agents}
+            count = {agent: env.action_space(agent).n for agent in env.agents}
+            actions = {agent: int(np.argmax(mask_of(seen[agent], count[agent]))) for agent in env.agents}
             step = Given(actions=actions, infos=infos)
-            *_, infos = env.step(actions)
+            seen, *_, infos = env.step(actions)
             step.stays()
         given.stays()
 
@@ -152,7 +158,8 @@ def lives(env: Any, learner: Any, start: Any, ticks: int = TICKS) -> list[Any]:
         rows = group.slots
         alive = before.alive[rows] & tick.alive[rows] & ~tick.born[rows]
         met = Transition(
-            zeta, masks, tick.action[rows], tick.observations[group.name], tick.masks[group.name], alive
+            zeta, masks, tick.action[rows], tick.observations[group.name], tick.masks[group.name], alive,
+            tick.died[rows],
         )  # fmt: skip
         # there is always one who dies and one who is born, as a child of the last or of nobody
         died, born, parents = np.array([0]), np.array([0]), np.array([group.size - 1 if group.size > 1 else -1])
