@@ -80,7 +80,7 @@ def test_a_world_that_is_not_installed_says_what_to_install(tmp_path, capsys):
     blocked.write_text(f'#!/bin/sh\nexec {sys.executable} -S "$@"\n')  # a Python without anything installed
     blocked.chmod(0o755)
     words = ["--agents", "2", "--learner", "none", "--out", str(tmp_path / "out")]
-    for name, advice in (("waterworld", "pettingzoo==1.25.0"), ("mpe2", "ecology-sandbox[bench]")):
+    for name, advice in (("waterworld", "pettingzoo==1.25.0"), ("mpe2", "pip install -e '.[bench]'")):
         said = refused(capsys, *words, "--against", name, "--python", f"{name}={blocked}")
         assert "No module named" in said
         assert advice in said

@@ -76,7 +76,7 @@ def test_a_tick_that_compiled_is_no_measure_of_speed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The first line of progress counts from the end of compiling: no run starts at 0 ticks per second."""
-    tally = SimpleNamespace(tick=0, mean_drive=lambda start: None)
+    tally = SimpleNamespace(tick=0, mean_drive=lambda start, own=False: None)
     progress = cli.Progress(tally, 60_000)  # type: ignore[arg-type]
     progress.begin(None, {})  # type: ignore[arg-type]
     progress._then -= 300.0  # the first tick took minutes

@@ -285,7 +285,7 @@ def test_a_sweep_is_not_written_into_a_run(sweep: Sweep) -> None:
         (["--set", "decay=0.1", "--set", "decay=0.2,0.3"], "write --set decay=0.1,0.2,0.3 alone"),
         (["--learner", "random,randon"], "'random'"),
         (["--learner", "agnt=rest"], "'agent'"),
-        (["--ray", "local"], "ecology-sandbox[ray]"),
+        (["--ray", "local"], "pip install -e '.[ray]'"),
     ],
 )
 def test_bad_words_are_one_clear_error(
