@@ -27,7 +27,7 @@ paper: install
 	@echo "Watch the life with: $(BIN)/ecology view $(RUN)"
 
 test: install
-	$(BIN)/pytest $(PYTEST_FLAGS)
+	$(BIN)/pytest -n auto --dist loadfile $(PYTEST_FLAGS)
 
 # bad input, 6,000 cases of it; some ten minutes
 fuzz: install

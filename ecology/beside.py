@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,11 +17,10 @@ def importable_beside(path: Path) -> Iterator[None]:
     looks, for imports within functions.
     """
     folder = str(path.absolute().parent)
-    others = set(_folders) - {folder}
+    others = tuple(f"{other}{os.sep}" for other in _folders if other != folder)
+    here = _names_in(folder) if others else set()
     for name, module in list(sys.modules.items()):
-        top, file = name.partition(".")[0], getattr(module, "__file__", None)
-        from_other = file is not None and any(Path(file).is_relative_to(other) for other in others)
-        if from_other and _is_in(folder, top):
+        if name.partition(".")[0] in here and str(getattr(module, "__file__", None)).startswith(others):
             del sys.modules[name]
     if folder not in sys.path:
         sys.path.append(folder)
@@ -36,5 +36,12 @@ def importable_beside(path: Path) -> Iterator[None]:
 _folders: dict[str, None] = {}  # in which files of a user's own were run
 
 
-def _is_in(folder: str, name: str) -> bool:
-    return Path(folder, f"{name}.py").is_file() or Path(folder, name, "__init__.py").is_file()
+def _names_in(folder: str) -> set[str]:
+    """Return the names of the modules and packages that lie in a folder."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        return {
+            entry.name.removesuffix(".py")
+            for entry in entries
+            if entry.name.endswith(".py") or os.path.isfile(os.path.join(entry.path, "__init__.py"))
+        }
+    return set()

@@ -76,10 +76,11 @@ def module(name: str) -> ModuleType:
 
 def _pickle_by_value(loaded: ModuleType, folder: Path) -> None:
     """Let the functions of a scenario file, and of modules beside it, be pickled whole: other processes lack them."""
+    home = os.path.abspath(folder)
     beside = [
         other
         for name, other in sys.modules.items()
-        if "." not in name and name != "__main__" and _folder_of(other) == os.path.abspath(folder)
+        if folder != HERE and "." not in name and name != "__main__" and _folder_of(other) == home
     ]
     for each in (loaded, *beside):
         cloudpickle.register_pickle_by_value(each)
