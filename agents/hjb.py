@@ -473,16 +473,12 @@ class HJB(Learner):
         there = (ahead.open[slots] == open_).all(axis=1) & (ahead.zeta[slots] == observations).all(axis=1)
         score, rest = ahead.score[slots], np.flatnonzero(~there)
         if rest.size:
-            score[rest] = self.device.scores(
-                self.brains,
-                self.ring,
-                self.trace,
-                self._now()[slots[rest]],
-                slots[rest],
-                observations[rest],
-                open_[rest],
-            )
+            score[rest] = self.scores(slots[rest], observations[rest], open_[rest])
         return score
+
+    def scores(self, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
+        """Return the score (k, M), drive units, of the open movements of `slots` (k,) at zeta (k, D); else infinity."""
+        return self.device.scores(self.brains, self.ring, self.trace, self._now()[slots], slots, zeta, open_)
 
     def _now(self) -> np.ndarray:
         """Return for how long every agent has acted, (n,), units of time."""
@@ -715,9 +711,7 @@ class HJB(Learner):
             "next_drive": next_drive,
             "slope": slope,
             "sum": next_drive + slope,
-            "score": self.device.scores(
-                self.brains, self.ring, self.trace, self._now()[[slot]], np.array([slot]), at, every
-            )[0],
+            "score": self.scores(np.array([slot]), at, every)[0],
             "J": here,
             "gamma": s.gamma,
             "error": self._error(slot),

@@ -137,7 +137,7 @@ def cost(n: int, width: int, device: str, rounds: int) -> Cost:
         weights=weights,
         moved=moved,
         update=timed(lambda: learner._update(everyone), rounds, clock),
-        score=timed(lambda: learner.device.scores(learner.brains, np.arange(n), zeta, open_), rounds, clock),
+        score=timed(lambda: learner.scores(np.arange(n), zeta, open_), rounds, clock),
         floor=timed(bare(n, moved, learner.device), rounds, clock),
         plain=plain,
     )

@@ -175,7 +175,7 @@ def test_evaluate_in_another_world_writes_beside_the_run(quick, tmp_path, monkey
     told = json.loads((run / "in-shifted-test=true" / "evaluation.json").read_text())
     assert told["settings"]["test"] is True
     assert told["trained_in"]["settings"]["test"] is False
-    assert told["mean_drive"].keys() == {"learned", *evaluation.BASELINES}
+    assert told["mean_drive"].keys() == {"learned", "learned_epsilon_0", *evaluation.BASELINES}
     assert not (run / "evaluation.json").exists()
     assert type_("evaluate", str(run), "--ticks", "300", "--places", "1", "--in", "oscillating", "--quiet") == 0
     told = json.loads((run / "in-oscillating" / "evaluation.json").read_text())

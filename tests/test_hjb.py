@@ -141,7 +141,7 @@ HERE = np.array([[-0.5, -1.0, -0.2, -2.0, 0.3, 0.4, 3.2, 2.2, 0.7]], np.float32)
 def all_scores(learner: HJB, zeta: np.ndarray) -> np.ndarray:
     """Return the score of every movement (M,) at one state (1, D)."""
     slots, every = np.zeros(1, np.int64), np.ones((1, learner.count), bool)
-    return learner.device.scores(learner.brains, learner.ring, learner.trace, learner._now(), slots, zeta, every)[0]
+    return learner.scores(slots, zeta, every)[0]
 
 
 def drive(zeta: np.ndarray) -> np.ndarray:

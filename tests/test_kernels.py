@@ -127,11 +127,6 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
     return learner
 
 
-def scored(learner: HJB, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
-    """Return the scores (k, M) of the open movements at zeta (k, D), as a decision has them."""
-    return learner.device.scores(learner.brains, learner.ring, learner.trace, learner._now()[slots], slots, zeta, open_)
-
-
 def compare_updates(learner: HJB, updates: int = 6) -> None:
     """Update the learner and plain agents with the same random numbers; slot 1 pauses once."""
     plain = [PlainAgent(learner, slot) for slot in range(learner.size)]
@@ -197,7 +192,7 @@ def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: 
         assert np.array_equal(ahead.zeta[rows], zeta)
         assert np.array_equal(ahead.open[rows], learner.moves.open(mask))
         if rows.size:
-            found = scored(learner, rows, zeta, ahead.open[rows])
+            found = learner.scores(rows, zeta, ahead.open[rows])
             np.testing.assert_allclose(ahead.score[rows], found, rtol=1e-5, atol=1e-6)
             ahead.score[rows] = np.where(ahead.open[rows], 1.0, np.inf)  # all alike: the first that is open is taken
             ahead.score[rows, ahead.open[rows].argmax(axis=1)] = 0.0
@@ -221,7 +216,7 @@ def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
     layout = learner.group.layout
     zeta = rng.uniform(layout.low, layout.high, (3, learner.components)).astype(np.float32)
     open_ = rng.random((3, learner.count)) < 0.5
-    score = scored(learner, np.array([2, 0, 1]), zeta, open_)
+    score = learner.scores(np.array([2, 0, 1]), zeta, open_)
     far = learner.settings.depth > 1 or learner.settings.errors > 0
     for row, slot in enumerate((2, 0, 1)):
         plain = PlainAgent(learner, slot)
@@ -358,7 +353,7 @@ def test_no_moment_becomes_subnormal() -> None:
     for network in (learner.f, learner.J):
         network.first[:] = network.second[:] = 2 * least
     learner._update(np.ones(3, bool))
-    scored(learner, np.arange(3), learner.began, learner.was_open)
+    learner.scores(np.arange(3), learner.began, learner.was_open)
     for _ in range(8):
         learner._update(np.ones(3, bool))
     for network in (learner.f, learner.J):

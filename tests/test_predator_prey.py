@@ -45,7 +45,7 @@ def live(env, learner, ticks, seed=0, also=lambda tick, minds: None):
     return minds, np.array(found)
 
 
-class Last:
+class Last(Observer):
     """Keeps the last tick."""
 
     def watch(self, state, tick, minds):
@@ -87,7 +87,7 @@ def test_the_wounded_die_of_the_next_bites_and_heal_without():
     assert tick.alive[prey]
     _, tick = bites(env, tick, 1)
     assert not tick.alive[prey]
-    assert CAUSES[env.state_view.cause[prey]] == "need"
+    assert CAUSES[env.state_view.cause[prey]] == "bitten"
     env, tick = face_to_face(wound=0.4, prey_decay=0.0)
     (health,), tick = bites(env, tick, 1)
     rest = [env.groups[name].actions.index("rest") for name in ("prey", "predator")]
