@@ -276,6 +276,7 @@ class HJB(Learner):
         self.clock = np.zeros(n, np.int64)  # ticks acted
         self.ticks = 0
         self.exploration: float | None = None  # fixed epsilon, in evaluation
+        self._trained: tuple[Any, list[np.ndarray]] = ({}, [])  # random stream and memory of errors after learning
         self.loss_f, self.loss_j = np.full(n, np.nan), np.full(n, np.nan)
         self.decisions = np.zeros(n, np.int64)
         self.tried = np.zeros((n, self.count), np.int64)
@@ -385,7 +386,17 @@ class HJB(Learner):
         self.movement[:] = -1
 
     def evaluating(self, epsilon: float) -> None:
-        """Stop learning and explore with `epsilon` from now on."""
+        """Stop learning and explore with `epsilon` from now on.
+
+        Whatever has been lived in evaluation is forgotten, so evaluations do not depend on their order.
+        """
+        if self.learning:
+            self._trained = self.rng.bit_generator.state, [array.copy() for array in (*self.trace, self.clock)]
+        else:
+            stream, arrays = self._trained
+            self.rng.bit_generator.state = stream
+            for array, kept in zip((*self.trace, self.clock), arrays, strict=True):
+                array[...] = kept
         self.learning = False
         self.exploration = epsilon
         self.begin()
@@ -704,14 +715,15 @@ class HJB(Learner):
         else:
             slope = self.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
         at, every = np.ascontiguousarray(zeta[None], np.float32), np.ones((1, self.count), bool)
+        open_, here_slot = self.moves.open(mask[None]), np.array([slot])  # what is open competes for the beam alone
         next_drive = self.drive(after)
         return {
             "names": self.moves.names,
-            "open": self.moves.open(mask[None])[0],
+            "open": open_[0],
             "next_drive": next_drive,
             "slope": slope,
             "sum": next_drive + slope,
-            "score": self.scores(np.array([slot]), at, every)[0],
+            "score": np.where(open_, self.scores(here_slot, at, open_), self.scores(here_slot, at, every))[0],
             "J": here,
             "gamma": s.gamma,
             "error": self._error(slot),

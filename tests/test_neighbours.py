@@ -142,11 +142,14 @@ def test_the_senses_agree_with_brute_force(arena, sensed):
     three = kind("c", count=5)
     env = start(square(one, two, three, arena=arena))
     rng = np.random.default_rng(3)
+    others = np.r_[env.groups["a"].slots, env.groups["c"].slots]  # have one need of the two
     for _ in range(12):
+        internal = rng.uniform(0, 2, (env.size, 2))
+        internal[others, 1] = 0.0
         tick = env.put(
             position=ecology.life.scatter(arena, 0.1, env.size, rng),
             heading=rng.uniform(-3.1, 3.1, env.size),
-            internal=rng.uniform(0, 2, (env.size, 2)),
+            internal=internal,
             alive=rng.random(env.size) < 0.8,
         )
         for group in (env.groups["a"], env.groups["b"]):

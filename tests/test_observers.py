@@ -19,8 +19,9 @@ import agents
 import ecology
 import scenarios
 from agents.base import Learner
-from agents.loop import run
+from agents.loop import advance
 from ecology import Ecology, EcologyError
+from ecology.life import scatter
 from ecology.observers import census, maps, picture, viewer
 from ecology.observers.recorder import Recorder, parts_of, read
 
@@ -135,7 +136,7 @@ def live(scenario, *observers, mind=Wanderer, ticks=TICKS, close=True):
     minds = {g.name: mind(g, np.random.SeedSequence(5)) for g in env.groups.values()}
     for observer in observers:
         observer.begin(env, minds)
-    run(env, minds, tick, ticks, observers)
+    advance(env, minds, tick, ticks, observers)
     for observer in observers if close else ():
         observer.end()
     return env
@@ -254,10 +255,10 @@ def test_metrics_of_a_stopped_run_can_be_read_and_gone_on_with(tmp_path, monkeyp
     env = Ecology(one())
     tick = env.reset_arrays(7)
     minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
-    tick = run(env, minds, tick, 20)
+    tick = advance(env, minds, tick, 20)
     again = Recorder(path, every=1, resume=True)
     again.begin(env, minds)
-    run(env, minds, tick, 15, [again])
+    advance(env, minds, tick, 15, [again])
     again.end()
     assert read(path)["tick"].to_pylist() == list(range(1, 36))
     assert pq.ParquetFile(path).num_row_groups == 4
@@ -331,7 +332,7 @@ def test_metrics_that_cannot_be_joined_are_not_called_damaged(tmp_path, monkeypa
     env = Ecology(one())
     env.reset_arrays(7)
     minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
-    run(env, minds, env.reset_arrays(7), TICKS)
+    advance(env, minds, env.reset_arrays(7), TICKS)
     again.begin(env, minds)
     again.end()
     assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
@@ -383,7 +384,7 @@ def test_a_half_written_part_is_not_among_the_parts(tmp_path, monkeypatch):
     again = Recorder(path, every=1, resume=True)
     env = Ecology(one())
     minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
-    run(env, minds, env.reset_arrays(7), TICKS)
+    advance(env, minds, env.reset_arrays(7), TICKS)
     again.begin(env, minds)
     again.end()
     assert list(tmp_path.iterdir()) == [path]
@@ -398,12 +399,12 @@ def test_rows_are_there_once_wherever_joining_was_killed(tmp_path):
     assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
     env = Ecology(one())
     minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(5))}
-    tick = run(env, minds, env.reset_arrays(7), TICKS)
+    tick = advance(env, minds, env.reset_arrays(7), TICKS)
     again = Recorder(path, every=1, resume=True)
     again.begin(env, minds)
     assert not path.exists()
     assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 1))
-    run(env, minds, tick, 5, [again])
+    advance(env, minds, tick, 5, [again])
     again.end()
     assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 6))
     assert list(tmp_path.iterdir()) == [path]
@@ -639,7 +640,7 @@ def test_a_focus_is_who_was_asked_for():
     assert (focus.slots["prey"], focus.name("prey"), focus.first) == (4, "prey_4", "prey")
     assert focus.name("predator") == "predator_12"
     drive = np.linspace(0.0, 1.0, env.size) % 0.6
-    state.own_drive = drive
+    state = dataclasses.replace(state, own_drive=drive)
     focus = census.Focus.of(env, ["hungriest"])
     focus.look(state)
     assert focus.slots["prey"] == int(np.argmax(np.where(state.alive[:16], drive[:16], -1)))
@@ -658,7 +659,7 @@ def test_a_decision_is_the_one_that_is_taken(name):
     tick = env.reset_arrays(1)
     minds = {"agent": agents.make(name, env.groups["agent"], np.random.SeedSequence(2), {})}
     mind = minds["agent"]
-    tick = run(env, minds, tick, 600)
+    tick = advance(env, minds, tick, 600)
     mind.evaluating(0.0)
     decided = 0
     for _ in range(60):
@@ -726,7 +727,7 @@ def test_a_thousand_agents_take_48_bytes_each(tmp_path):
         observer = rerun_observer(path, every=1)
         tick = env.reset_arrays(1)
         observer.begin(env, minds)
-        run(env, minds, tick, ticks, [observer])
+        advance(env, minds, tick, ticks, [observer])
         observer.end()
         sizes[ticks] = path.stat().st_size
     assert (sizes[60] - sizes[20]) / 40 / 1000 <= 48
@@ -816,7 +817,7 @@ def test_a_resumed_recording_is_one(tmp_path):
         rerun_observer(path)
     again = rerun_observer(path, every=10, resume=True)
     again.begin(env, minds)
-    run(env, minds, env.put(), 20, [again])
+    advance(env, minds, env.put(), 20, [again])
     again.end()
     assert len(RrdReader(str(path)).recordings()) == len(RrdReader(str(path)).blueprints()) == 1
     ticks, _ = column(path, "/world/agents/agent", "drive")
@@ -858,7 +859,7 @@ def test_a_last_stretch_that_cannot_be_read_is_left_out(tmp_path):
     minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))}
     again = rerun_observer(path, every=10, resume=True)
     again.begin(env, minds)
-    run(env, minds, env.put(), 20, [again])
+    advance(env, minds, env.put(), 20, [again])
     again.end()
     assert {0, TICKS, TICKS + 10, TICKS + 20} <= set(column(path, "/world/agents/agent", "drive")[0].tolist())
     assert list(tmp_path.iterdir()) == [path]
@@ -1066,7 +1067,7 @@ def test_a_picture_shows_the_world(world):
     before = env.render()
     assert before.shape == (600, 800, 3)
     assert before.dtype == np.uint8
-    env.put(position=env.state_view.position + np.array([0.5, 0.0]))
+    env.put(position=scatter(env.scenario.arena, 0.2, env.size, np.random.default_rng(1)))
     after = picture.draw(env.scenario, env.state_view)
     assert (before != after).any()
     assert np.array_equal(after, env.render())

@@ -103,7 +103,7 @@ def test_a_folder_that_cannot_be_written_is_told(tiny, tmp_path, capsys):
     with pytest.raises(SystemExit) as end:
         cli.main(["reproduce", "--out", str(tmp_path / "file")])
     assert end.value.code == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert "is a file where a folder is to be written" in capsys.readouterr().err
 
 
 def test_verdicts():
