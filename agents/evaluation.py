@@ -716,11 +716,14 @@ def evaluate(
     usual = drives.get(yardstick, {}).get("mean")
     bound = None if usual is None else REGULATED * usual
     worst, sunk = {}, {}
-    for each, epsilon in (("learned_epsilon_0", 0.0), ("learned", EPSILON)):  # the last is the life of all that follows
+    frozen = {}
+    for each, epsilon in (("learned", EPSILON), ("learned_epsilon_0", 0.0)):
         tell(f"living with epsilon {epsilon:g}")
-        life = fresh_life(scenario, learner, ticks, seed, epsilon)
-        worst[each] = worst_block(keep(each, life), skip=skip)
-        sunk[each] = sinks(life, group, bound) if bound is not None else None
+        frozen[each] = fresh_life(scenario, learner, ticks, seed, epsilon)
+        worst[each] = worst_block(keep(each, frozen[each]), skip=skip)
+        sunk[each] = sinks(frozen[each], group, bound) if bound is not None else None
+    life = frozen["learned"]
+    learner.evaluating(EPSILON)  # as all that follows is measured
     tell("maps")
     maps = maps_of(scenario, learner, slot)
     tell("probe")
