@@ -45,7 +45,7 @@ STUCK = 2.0  # drive above which an agent that stays in one place without a meal
 MOVED, PLACE = "food_3", (0.5, 1.5)  # from (7, 5.5) in the east to the south-west corner, where no other food lies
 BACK, ADAPTS = 1.25, 15_000  # times the drive before the move that counts as recovered; ticks that are waited for it
 PROBES = evaluation.PROBES  # places per need
-LEARNING, ACTING = 2.0e-3, 0.5e-3  # seconds of one core for a tick
+LEARNING, ACTING = 6.4e-3, 1e-3  # seconds per tick; Intel Xeon at 2.5 GHz, 2026-11-28, and acting is a guess
 DONE = "measures.json"
 
 Tell = Callable[[str], None]
@@ -393,7 +393,7 @@ def work(job: Job, stop: threading.Event) -> tuple[Job, str]:
 
 
 def seconds(job: Job) -> float:
-    """Return about how long a seed takes on one core; measured on an AMD EPYC at 2.6 GHz."""
+    """Return about how long a seed takes on one core, seconds."""
     return 40.0 + LEARNING * (job.ticks + ADAPTS) + ACTING * 2 * job.life
 
 
