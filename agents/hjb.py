@@ -448,16 +448,14 @@ class HJB(Learner):
         open_ = self.moves.open(masks)  # (k, M)
         drawn = self.rng.random((self.size, 2))[slots]
         explores = drawn[:, 0] < self.epsilon()[slots]
-        share = (open_ / self.moves.length).cumsum(axis=1)  # each open movement gets the same time
-        explored = (share > drawn[:, 1:] * share[:, -1:]).argmax(axis=1)
+        choice = open_
         if self.learning and self.settings.tries:
-            new = open_ & (self.tried[slots] < self.settings.tries)
-            some = new.any(axis=1)
-            share = (np.where(some[:, None], new, open_) / self.moves.length).cumsum(axis=1)
-            explored = (share > drawn[:, 1:] * share[:, -1:]).argmax(axis=1)
+            untried = open_ & (self.tried[slots] < self.settings.tries)
+            some = untried.any(axis=1)
+            choice = np.where(some[:, None], untried, open_)
             explores |= some
+        chosen = self.moves.explore(choice, drawn[:, 1])
         knows = np.flatnonzero(~explores)
-        chosen = explored
         self._hope()
         if knows.size:
             score = self._scores(slots[knows], observations[knows], open_[knows])

@@ -185,9 +185,9 @@ class Torch(Device):
         lived = self.on(ring.lived)
         found = []
         for part in self._parts(len(slots), brains, self._beam()):
-            who = at[part]
-            own = Brains(*(array[who] for array in brains))
-            memory = Ring(*(array[who] for array in ring._replace(lived=lived)))
+            rows = at[part]
+            own = Brains(*(array[rows] for array in brains))
+            memory = Ring(*(array[rows] for array in ring._replace(lived=lived)))
             noted = Trace(*(self.on(array[slots[part]]) for array in trace))
             found.append(self._look_ahead(states[part], options[part], own, memory, noted, now[part]))
         return self.off(torch.cat(found))
