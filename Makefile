@@ -44,4 +44,6 @@ golden: install
 check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	rm -rf build/typed && mkdir -p build/typed/ecology
+	ln -s $(CURDIR)/ecology/* $(CURDIR)/agents $(CURDIR)/scenarios build/typed/ecology/
 	$(BIN)/mypy

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from ecology.agents.base import Learner
 
-from agents.base import Learner
 from ecology import Ecology, EcologyError, Group, Tick
 from ecology.beside import importable_beside
 from ecology.errors import nearest
@@ -22,27 +22,27 @@ from ecology.errors import nearest
 # defaults, and a line for `ecology list`; loaded when asked for
 LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
     "hjb": (
-        "agents.hjb",
+        "ecology.agents.hjb",
         "HJB",
         None,
         "f and J learned online, acting by the Hamilton-Jacobi-Bellman equation",
     ),
     "algorithm1": (
-        "agents.hjb",
+        "ecology.agents.hjb",
         "HJB",
         "ALGORITHM1",
         "the paper's Algorithm 1 as printed, without additions",
     ),
     "lean": (
-        "agents.hjb",
+        "ecology.agents.hjb",
         "HJB",
         "LEAN",
         "hjb with little work per agent, for many agents",
     ),
-    "random": ("agents.baselines", "Random", None, "every open action with the same probability"),
-    "rest": ("agents.baselines", "Rest", None, "does nothing for as long as its body lets it"),
-    "greedy": ("agents.baselines", "Greedy", None, "the least predicted drive one tick ahead"),
-    "qvalue": ("agents.baselines", "QValue", None, "the least mean drive seen after an action"),
+    "random": ("ecology.agents.baselines", "Random", None, "every open action with the same probability"),
+    "rest": ("ecology.agents.baselines", "Rest", None, "does nothing for as long as its body lets it"),
+    "greedy": ("ecology.agents.baselines", "Greedy", None, "the least predicted drive one tick ahead"),
+    "qvalue": ("ecology.agents.baselines", "QValue", None, "the least mean drive seen after an action"),
 }
 
 
@@ -67,7 +67,7 @@ def learner_class(name: str) -> type[Learner]:
     wanted = [own[2]] if own[2] else list(found)
     if len(wanted) != 1 or wanted[0] not in found:
         raise EcologyError(
-            f"a learner file defines a subclass of agents.base.Learner, and of several one is named, as "
+            f"a learner file defines a subclass of ecology.agents.base.Learner, and of several one is named, as "
             f"{path.name}:Class; {own[1]!r} defines {', '.join(found) or 'none'}, and {own[2] or 'none'} is named."
         )
     return found[wanted[0]]
@@ -76,7 +76,7 @@ def learner_class(name: str) -> type[Learner]:
 @functools.lru_cache
 def _classes(path: Path, changed: int) -> dict[str, type[Learner]]:  # noqa: ARG001  (a file that changed is another)
     """Return the learners that the file at `path` defines, by name."""
-    spec = importlib.util.spec_from_file_location(f"agents._loaded_{path.stem}", path)
+    spec = importlib.util.spec_from_file_location(f"ecology.agents._loaded_{path.stem}", path)
     assert spec is not None  # it ends in .py
     assert spec.loader is not None
     loaded = importlib.util.module_from_spec(spec)
@@ -132,7 +132,7 @@ def load(folder: str | Path, *, frozen: bool = False, epsilon: float = 0.05, dev
     `device`, or where the run's did. Raises EcologyError where `folder` holds no run or no whole checkpoint. A run of a
     scenario file runs the code of that file.
     """
-    runs = importlib.import_module("scenarios._run")  # the floor above, which knows run folders; needed by this alone
+    runs = importlib.import_module("ecology.scenarios._run")  # the floor above, which knows run folders
     run = runs.opened(Path(folder), device=device)
     run.restore()
     if frozen:

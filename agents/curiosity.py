@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-
-from agents.device import Device
+from ecology.agents.device import Device
 
 
 class Curiosity:

@@ -16,10 +16,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
+from ecology.agents import kernels
+from ecology.agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 from threadpoolctl import ThreadpoolController
 
-from agents import kernels
-from agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 from ecology import EcologyError
 
 NAMES = r"cpu|mps|cuda(:\d+)?"
@@ -197,7 +197,7 @@ def make(name: str, senses: Senses, n: int) -> Device:
     check(name)
     if name == "cpu":
         return Cpu(senses, n)
-    from agents import torch_device  # slow to load
+    from ecology.agents import torch_device  # slow to load
 
     there = torch_device.there()
     if name not in there:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ecology.agents.evaluation import DeviationCheck, Findings, Life, Maps
 
-from agents.evaluation import DeviationCheck, Findings, Life, Maps
 from ecology import EcologyError, Scenario, Species
 from ecology.observers import recorder
 from ecology.observers.colours import need_colour, resource_colours, shaded

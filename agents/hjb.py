@@ -19,14 +19,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from ecology.agents import device as devices
+from ecology.agents import kernels
+from ecology.agents.base import DivergedError, Learner, Transition, drive_terms
+from ecology.agents.curiosity import Curiosity
+from ecology.agents.memory import Memory
+from ecology.agents.movements import Movements, adaptive, single_ticks
+from ecology.agents.networks import Perceptrons
 
-from agents import device as devices
-from agents import kernels
-from agents.base import DivergedError, Learner, Transition, drive_terms
-from agents.curiosity import Curiosity
-from agents.memory import Memory
-from agents.movements import Movements, adaptive, single_ticks
-from agents.networks import Perceptrons
 from ecology import EcologyError, Group
 
 DEPRIVED, SATED = -1.0, 0.4  # imagined deviations lie between these, times x*

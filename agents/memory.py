@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from agents.device import Device
+from ecology.agents.device import Device
 
 
 class Memory:

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
-from agents.device import Device
+from ecology.agents.device import Device
 
 
 class Perceptrons:

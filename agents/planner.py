@@ -20,10 +20,10 @@ from typing import ClassVar
 
 import numpy as np
 import shapely
+from ecology.agents.base import Learner
+from ecology.agents.movements import Movements
 from scipy.sparse.csgraph import dijkstra
 
-from agents.base import Learner
-from agents.movements import Movements
 from ecology import Arena, Ecology, EcologyError, Group, Scenario
 from ecology.actions import ActionTable, compile_actions
 from ecology.physiology import advance, clamp, compile_bodies, drive

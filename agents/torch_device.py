@@ -13,15 +13,14 @@ from typing import Any
 
 import numpy as np
 import torch
+from ecology.agents.device import Device
+from ecology.agents.kernels import FADING as FADES
+from ecology.agents.kernels import LONGEST as LIMIT
+from ecology.agents.kernels import PRIOR as NO_ERROR
+from ecology.agents.kernels import STALE as STALENESS
+from ecology.agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 from torch import Tensor
 from torch.nn import functional
-
-from agents.device import Device
-from agents.kernels import FADING as FADES
-from agents.kernels import LONGEST as LIMIT
-from agents.kernels import PRIOR as NO_ERROR
-from agents.kernels import STALE as STALENESS
-from agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 
 ROOM = 2**31  # bytes to work in; agents are taken in parts that fit
 LONGEST = float(LIMIT)  # units of time, of a predicted duration

@@ -2,4 +2,4 @@
 
 import runpy
 
-runpy.run_module("scenarios.cli", run_name="__main__", alter_sys=True)  # run, not imported: the world knows no scenario
+runpy.run_module("ecology.scenarios.cli", run_name="__main__", alter_sys=True)  # run: the world knows no scenario

@@ -15,12 +15,12 @@ from typing import Any
 
 import cloudpickle
 import gymnasium
+from ecology.scenarios import _faults
 
 from ecology import EcologyError, GymEnv, Scenario, gym_env
 from ecology.beside import importable_beside
 from ecology.errors import describe_refusal, nearest
 from ecology.typed import plain
-from scenarios import _faults
 
 HERE = Path(__file__).parent
 EPISODE = 1000  # ticks after which a Gymnasium episode of a scenario is truncated, unless told otherwise
@@ -54,7 +54,7 @@ def module(name: str) -> ModuleType:
         raise EcologyError(
             f"there is no scenario {name!r}. {meant} A file of your own is given by its path, ending in .py."
         )
-    spec = importlib.util.spec_from_file_location(f"scenarios._loaded_{path.stem}", path)
+    spec = importlib.util.spec_from_file_location(f"ecology.scenarios._loaded_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise EcologyError(f"the scenario file {str(path)!r} cannot be loaded as Python.")
     loaded = importlib.util.module_from_spec(spec)
@@ -159,7 +159,9 @@ def _register() -> None:
     for name in names():
         id_ = f"ecology/{name}-v0"
         if id_ not in gymnasium.registry:
-            gymnasium.register(id_, entry_point="scenarios:make_gym", max_episode_steps=EPISODE, kwargs={"name": name})
+            gymnasium.register(
+                id_, entry_point="ecology.scenarios:make_gym", max_episode_steps=EPISODE, kwargs={"name": name}
+            )
 
 
 _register()

@@ -1,6 +1,6 @@
 """A benchmark: agent-steps per second against the number of agents, of this world and of others, side by side.
 
-Every curve's point is a process of its own, started as `python -m scenarios._bench WHAT AGENTS` or, for other
+Every curve's point is a process of its own, started as `python -m ecology.scenarios._bench WHAT AGENTS` or, for other
 people's worlds, as `_elsewhere.py`. All are pinned to one core with one thread each, and take turns: in every round
 each is timed for a moment, after a loop that is always the same, so that a machine that changes its speed changes
 it for all. Time is the process's own, which other programs on the machine do not lengthen.
@@ -22,15 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ecology.agents.base import Transition
+from ecology.scenarios._elsewhere import DRAWN, MARK, MISSING, WORLDS, serve
+from ecology.scenarios._plan import versions
+from ecology.scenarios._sweep import DPI, write_table
 
-import agents
-import scenarios
-from agents.base import Transition
-from ecology import Ecology, EcologyError, parallel_env
+from ecology import Ecology, EcologyError, agents, parallel_env, scenarios
 from ecology.errors import nearest, writable
-from scenarios._elsewhere import DRAWN, MARK, MISSING, WORLDS, serve
-from scenarios._plan import versions
-from scenarios._sweep import DPI, write_table
 
 TABLE, FIGURE = "bench.parquet", "bench.png"
 ARRAYS, DICTS = "arrays", "dicts"  # this world without learning, through either interface
@@ -85,7 +83,7 @@ def stepping(what: str, n: int) -> Callable[[], int]:
             return n
 
     else:
-        from agents import loop  # slow to load
+        from ecology.agents import loop  # slow to load
 
         name = "algorithm1" if what == MODULES else what.removesuffix(BORDER)
         own = env.scenario.species[0].learner_settings if what == "hjb" else {}  # as `ecology run` would
@@ -199,7 +197,7 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
     for name in against:
         if name not in WORLDS:
             raise EcologyError(f"there is no world {name!r} to compare with. {nearest(name, WORLDS)}")
-    here = (sys.executable, "-m", "scenarios._bench")
+    here = (sys.executable, "-m", "ecology.scenarios._bench")
     for name in (ARRAYS, DICTS, *learners):
         most = max(counts)
         if name in learners:

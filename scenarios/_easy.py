@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from ecology.scenarios import paper, paper_reference
+
 from ecology import EcologyError, Scenario
-from scenarios import paper, paper_reference
 
 START = (2.0, 2.0)
 

@@ -11,8 +11,7 @@ import sysconfig
 import traceback
 from pathlib import Path
 
-import scenarios
-from ecology import EcologyError
+from ecology import EcologyError, scenarios
 
 HOUSE = {str(Path(__file__).parents[1] / package) for package in ("ecology", "agents", "scenarios")}
 LIBRARIES = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
@@ -61,7 +60,7 @@ def _is_own(file: str) -> bool:
     path = Path(file)
     if path.parent == scenarios.HERE and path.stem in scenarios.names():
         return True
-    learners = getattr(sys.modules.get("agents"), "LEARNERS", {})  # not loaded: nobody acts
+    learners = getattr(sys.modules.get("ecology.agents"), "LEARNERS", {})  # not loaded: nobody acts
     if any(getattr(sys.modules.get(module), "__file__", None) == file for module, *_ in learners.values()):
         return True
     above = set(map(str, path.parents))

@@ -13,16 +13,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from ecology.agents import loop
+from ecology.agents.base import Learner
+from ecology.scenarios._plan import world_digest
+from ecology.scenarios._reproduce import Case, Part, Row
+from ecology.scenarios.predator_prey import HUNT_SIGHT
 
-import agents
-import scenarios
-from agents import loop
-from agents.base import Learner
-from ecology import Ecology, Group, State, Tick
+from ecology import Ecology, Group, State, Tick, agents, scenarios
 from ecology.observers.base import Mind, Observer
-from scenarios._plan import world_digest
-from scenarios._reproduce import Case, Part, Row
-from scenarios.predator_prey import HUNT_SIGHT
 
 TURNS = 0.1  # probability per tick that a scripted agent turns while it sees nothing to go to
 STARVES = -0.8  # deviation of energy below which scripted prey eat although a predator is near, units

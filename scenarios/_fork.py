@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ecology.agents import checkpoint
+from ecology.scenarios import _faults
+from ecology.scenarios._plan import CONFIG, read_config, resolve
+from ecology.scenarios._run import CHECKPOINT, KEPT, Run
 
-from agents import checkpoint
 from ecology import Ecology, EcologyError, Scenario
 from ecology.errors import nearest
 from ecology.kernels import inside_polygon
 from ecology.observers.base import Observer
 from ecology.spec import Oscillation
 from ecology.state import CAUSES, Ints
-from scenarios import _faults
-from scenarios._plan import CONFIG, read_config, resolve
-from scenarios._run import CHECKPOINT, KEPT, Run
 
 Place = tuple[float, float]
 

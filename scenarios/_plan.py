@@ -19,10 +19,8 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-import agents
 import ecology
-import scenarios
-from ecology import EcologyError, Scenario
+from ecology import EcologyError, Scenario, agents, scenarios
 from ecology.errors import nearest
 
 CONFIG = "config.toml"
@@ -237,7 +235,7 @@ def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any]) -> Chosen:
 
 def _check_device(device: str, learners: Iterable[str]) -> None:
     """Raise EcologyError where it is no device, or none of the learners computes on one."""
-    from agents import device as devices  # slow to load
+    from ecology.agents import device as devices  # slow to load
 
     devices.check(device)
     if device != "cpu" and not any(agents.learner_class(name).devices for name in learners):

@@ -15,19 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ecology.agents import loop
+from ecology.scenarios import _episodes, _survival, food_share, grid_rooms, trap
+from ecology.scenarios._empathy import CONDITIONS
+from ecology.scenarios._plan import world_digest
+from ecology.scenarios._run import replace_text
 from scipy import stats
 
-import agents
 import ecology
-import scenarios
-from agents import loop
-from ecology import Ecology, EcologyError, Need, Scenario, Species, physiology, rest
+from ecology import Ecology, EcologyError, Need, Scenario, Species, agents, physiology, rest, scenarios
 from ecology.errors import nearest
 from ecology.state import Ints
-from scenarios import _episodes, _survival, food_share, grid_rooms, trap
-from scenarios._empathy import CONDITIONS
-from scenarios._plan import world_digest
-from scenarios._run import replace_text
 
 CONFIDENCE = 0.95  # of every interval
 WIDE = 0.25  # half width of an interval, as a share of the number in it, from which it says nothing
@@ -620,7 +618,7 @@ def _empathic_case(e: Empathic, about: str) -> Case:
 
 def cases() -> dict[str, Case]:
     """Return all cases by name."""
-    from scenarios import _fear  # it is made of Case, Part and Row
+    from ecology.scenarios import _fear  # it is made of Case, Part and Row
 
     food, grid, traps = EMPATHIC
     listed = (

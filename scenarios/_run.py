@@ -14,16 +14,15 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+from ecology.agents import checkpoint, loop
+from ecology.agents.base import DivergedError, Learner
+from ecology.scenarios import _faults
+from ecology.scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
-import agents
-from agents import checkpoint, loop
-from agents.base import DivergedError, Learner
-from ecology import Ecology, EcologyError, Scenario, State, Tick
+from ecology import Ecology, EcologyError, Scenario, State, Tick, agents
 from ecology.errors import readable, writable
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
-from scenarios import _faults
-from scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"

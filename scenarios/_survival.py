@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ecology.scenarios._plan import resolve
+from ecology.scenarios._run import Run
 
-import scenarios
-from ecology import Ecology, State, Tick
+from ecology import Ecology, State, Tick, scenarios
 from ecology.observers.base import Mind
-from scenarios._plan import resolve
-from scenarios._run import Run
 
 TICKS = 5_000
 NUMBERS = (12, 14, 16, 18, 20, 24)  # of agents at the pool

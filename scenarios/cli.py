@@ -24,22 +24,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 import typer.core
+from ecology.scenarios import _compiling, _faults, _run
+from ecology.scenarios._plan import read_config, resolve
+from ecology.scenarios._run import Run, StoppedError, Tally
+from ecology.scenarios._values import read_value
 from numba.core import event
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-import agents
 import ecology
-import scenarios
-from ecology import Ecology, EcologyError, Scenario, State, Tick
+from ecology import Ecology, EcologyError, Scenario, State, Tick, agents, scenarios
 from ecology.errors import check_writable, describe_refusal, is_from_system, nearest, writable
 from ecology.observers.base import Mind, Observer
 from ecology.observers.wishes import Wishes
-from scenarios import _compiling, _faults, _run
-from scenarios._plan import read_config, resolve
-from scenarios._run import Run, StoppedError, Tally
-from scenarios._values import read_value
 
 if TYPE_CHECKING:
     from ecology.observers.page import Page
@@ -584,7 +582,7 @@ def fork(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
-    from scenarios import _fork
+    from ecology.scenarios import _fork
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(_run.held(run))
@@ -662,7 +660,7 @@ def sweep(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
-    from scenarios import _sweep
+    from ecology.scenarios import _sweep
 
     settings: dict[str, list[Any]] = _pairs("--set", set_, _sweep.values_of, several=True)
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
@@ -793,7 +791,7 @@ def bench(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure agent-steps per second against the number of agents, beside other worlds; write a table and a figure."""
-    from scenarios import _bench
+    from ecology.scenarios import _bench
 
     try:
         counts = sorted({int(word) for word in agents_.split(",")})
@@ -865,7 +863,8 @@ def evaluate(
         words |= {"species": learner.group.name, "device": device, "seed": seed, "ticks": ticks, "places": places}
         _run.check_evaluation(where, words)
     it.restore()
-    from agents import evaluation, figures  # slow to load
+    from ecology.agents import evaluation, figures  # slow to load
+
     from ecology.observers import recorder
 
     metrics = run / _run.METRICS
@@ -1002,7 +1001,7 @@ class _Reproduce(typer.core.TyperCommand):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help, and below it the names."""
-        from scenarios import _reproduce
+        from ecology.scenarios import _reproduce
 
         lines = [f"{case.name}: {case.about}" for case in _reproduce.cases().values()]
         self.epilog = "\n\n".join(["The results, by NAME:", *map(escape, lines)])
@@ -1033,7 +1032,7 @@ def reproduce(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
-    from scenarios import _reproduce  # slow to load
+    from ecology.scenarios import _reproduce  # slow to load
 
     cases = _reproduce.chosen(names or ())
     minds = bool(names) and "minds" in [case.name for case in cases]
@@ -1052,7 +1051,7 @@ def _measure_minds(
     out: Path, seeds: str, ticks: int | None, life: int | None, settings: Mapping[str, Any], workers: int, quiet: bool
 ) -> None:
     """Train and measure many seeds of `paper`, each in a process, and print what must hold beside what was found."""
-    from scenarios import _minds, _sweep
+    from ecology.scenarios import _minds, _sweep
 
     jobs = _minds.jobs(out, _sweep.seeds_of(seeds), ticks or _minds.TRAINED, life or _minds.LIFE, settings)
     waiting = [job for job in jobs if not _minds.is_done(job.folder, job.life)]
@@ -1094,7 +1093,7 @@ def _measure_minds(
 
 def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
     """Do the parts of cases that are not done, and write and print their rows."""
-    from scenarios import _reproduce
+    from ecology.scenarios import _reproduce
 
     ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
     work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]

@@ -10,8 +10,9 @@ from nor gone to. Train, then test:
 
 from __future__ import annotations
 
+from ecology.scenarios._easy import square
+
 from ecology import Scenario
-from scenarios._easy import square
 
 
 def build(

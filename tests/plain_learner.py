@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from ecology.agents import hjb, kernels
+from ecology.agents.base import drive_terms
+from ecology.agents.hjb import HJB
 from torch import Tensor, nn
-
-from agents import hjb, kernels
-from agents.base import drive_terms
-from agents.hjb import HJB
 
 
 def network(sizes: list[int], activation: type[nn.Module], row: np.ndarray) -> nn.Sequential:

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ecology.agents.base import Transition
+from ecology.agents.planner import Camping, Planner
 
-import agents
-import scenarios
-from agents.base import Transition
-from agents.planner import Camping, Planner
-from ecology import contract, parallel_env
+from ecology import agents, contract, parallel_env, scenarios
 from ecology.fixed import FixedSlots
 
 EVERY = scenarios.names()
@@ -217,9 +215,9 @@ def test_a_learner_leaves_what_it_is_given_as_it_was(learner: str, name: str) ->
 def test_a_yardstick_leaves_what_it_is_given_as_it_was(yardstick: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Planners keep to it too, the scenario that they know included."""
     for word in ("GENERATIONS", "SAMPLES", "ELITE", "ORDERS"):
-        monkeypatch.setattr("agents.planner." + word, 2)
-    monkeypatch.setattr("agents.planner.SHORT", 200.0)
-    monkeypatch.setattr("agents.planner.LONG", 200.0)
+        monkeypatch.setattr("ecology.agents.planner." + word, 2)
+    monkeypatch.setattr("ecology.agents.planner.SHORT", 200.0)
+    monkeypatch.setattr("ecology.agents.planner.LONG", 200.0)
     scenario = scenarios.load("paper")
     twins(lambda group, seed: yardstick(group, seed, scenario), np.random.SeedSequence(3), scenario, "agent")
 

@@ -6,9 +6,7 @@ import math
 import numpy as np
 import pytest
 
-import agents
 import ecology
-import scenarios
 from ecology import (
     Action,
     Arena,
@@ -26,10 +24,12 @@ from ecology import (
     Scenario,
     Season,
     Species,
+    agents,
     consume,
     go_to,
     move,
     rest,
+    scenarios,
     sleep,
     spec,
     turn,
@@ -361,7 +361,8 @@ def test_a_scenario_file_that_works_is_loaded(tmp_path):
     """A file given by its path is a scenario like those that ship, settings included."""
     path = tmp_path / "my_world.py"
     path.write_text(
-        "from scenarios.paper import build as paper\ndef build(decay: float = 0.001):\n    return paper(decay=decay)\n"
+        "from ecology.scenarios.paper import build as paper\n"
+        "def build(decay: float = 0.001):\n    return paper(decay=decay)\n"
     )
     assert scenarios.settings(str(path)) == {"decay": 0.001}
     assert scenarios.load(str(path), decay=0.003).species[0].needs[0].decay == 0.003

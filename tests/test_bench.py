@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from ecology.agents import loop
+from ecology.scenarios import _bench
+from ecology.scenarios.cli import main
 
-import agents
-from agents import loop
-from scenarios import _bench
-from scenarios.cli import main
+from ecology import agents
 
 SHORT = ["bench", "--rounds", "2", "--seconds", "0", "--quiet"]
 

@@ -16,13 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ecology.scenarios import cli
+from ecology.scenarios._values import read_value
+from ecology.scenarios.cli import main
 
-import agents
-import scenarios
-from ecology import EcologyError, __version__, errors
-from scenarios import cli
-from scenarios._values import read_value
-from scenarios.cli import main
+from ecology import EcologyError, __version__, agents, errors, scenarios
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -75,7 +73,7 @@ def test_help_shows_defaults_that_depend_on_others(ecology: Command, monkeypatch
 
 def test_the_help_of_reproduce_names_every_result(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """What can be reproduced is read without starting it."""
-    from scenarios import _reproduce
+    from ecology.scenarios import _reproduce
 
     monkeypatch.setenv("COLUMNS", "160")
     code, out, _ = ecology("reproduce", "--help")
@@ -87,7 +85,7 @@ def test_the_help_of_reproduce_names_every_result(ecology: Command, monkeypatch:
 def test_the_command_line_is_quick_to_start() -> None:
     """Asking for the list loads neither torch nor rerun nor matplotlib."""
     code = (
-        "import sys; from scenarios.cli import main\n"
+        "import sys; from ecology.scenarios.cli import main\n"
         "try: main(['list'])\nexcept SystemExit: pass\n"
         "print('loaded', {'torch', 'rerun', 'matplotlib'} & set(sys.modules))"
     )
@@ -354,7 +352,7 @@ def test_evaluate_measures_and_draws(short: Command, ecology: Command) -> None:
 
 def test_an_evaluation_is_replaced_by_its_like_alone(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other ticks, places, seeds and devices are refused, with what is there; --again and the same words replace it."""
-    monkeypatch.setattr("agents.evaluation.BASELINES", ())
+    monkeypatch.setattr("ecology.agents.evaluation.BASELINES", ())
     run = ("run", "predator_prey", "--ticks", "30", "--learner", "random", "--no-record", "--quiet", "--out", "mine")
     assert ecology(*run, "--set", "prey=3", "--set", "predators=2")[0] == 0
     evaluate = ("evaluate", "mine", "--quiet", "--places", "1", "--ticks")
@@ -386,7 +384,7 @@ def test_an_evaluation_is_replaced_by_its_like_alone(ecology: Command, monkeypat
 
 def test_every_species_has_an_evaluation_of_its_own(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """That of a species other than the first lies in a folder of its name within the run's, in every world."""
-    monkeypatch.setattr("agents.evaluation.BASELINES", ())
+    monkeypatch.setattr("ecology.agents.evaluation.BASELINES", ())
     run = ("run", "predator_prey", "--ticks", "30", "--learner", "random", "--no-record", "--quiet", "--out", "mine")
     assert ecology(*run, "--set", "prey=3", "--set", "predators=2")[0] == 0
     evaluate = ("evaluate", "mine", "--quiet", "--places", "1", "--ticks", "50")
@@ -412,9 +410,9 @@ def test_an_evaluation_is_there_when_it_is_whole(
     short: Command, ecology: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """evaluation.json is written last, names the learner as the plan does, and not where anything fails."""
-    from agents import figures
+    from ecology.agents import figures
 
-    chance = {"chance": ("agents.baselines", "Random", None, "")}
+    chance = {"chance": ("ecology.agents.baselines", "Random", None, "")}
     monkeypatch.setattr(agents, "LEARNERS", {**agents.LEARNERS, **chance})
     assert short("seasons", "--out", "mine", "--learner", "chance")[0] == 0
     evaluate = ("evaluate", "mine", "--ticks", "50", "--places", "1", "--quiet")
@@ -444,7 +442,7 @@ def test_an_evaluation_that_cannot_be_kept_is_not_begun(
     short: Command, ecology: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A file in the place of the figures, and a folder in which no file can be made, are told before the measuring."""
-    from agents import evaluation
+    from ecology.agents import evaluation
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("it was measured")
@@ -638,7 +636,7 @@ def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.Monke
 def test_focus_turns_a_run_that_is_alive(ecology: Command) -> None:
     """`ecology focus` is answered by a run that lives; of one that does not, and of no run, it says so."""
     words = ["run", "predator_prey", "--ticks", "1000000", "--learner", "random", "--out", "mine", "--quiet"]
-    run = subprocess.Popen([sys.executable, "-m", "scenarios.cli", *words])
+    run = subprocess.Popen([sys.executable, "-m", "ecology.scenarios.cli", *words])
     try:
         while not Path("mine/recording.rrd").exists():
             assert run.poll() is None
@@ -820,7 +818,7 @@ def test_the_package_is_the_command(tmp_path: Path) -> None:
 def test_a_shell_completes_commands(tmp_path: Path) -> None:
     """The completion that a shell asks for names commands."""
     env = {**os.environ, "_ECOLOGY_COMPLETE": "complete_bash", "COMP_WORDS": "ecology sw", "COMP_CWORD": "1"}
-    code = "import sys; sys.argv[0] = 'ecology'; from scenarios.cli import main; main([])"
+    code = "import sys; sys.argv[0] = 'ecology'; from ecology.scenarios.cli import main; main([])"
     done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
     assert done.stdout.split() == ["sweep"], done.stderr
 
@@ -849,7 +847,7 @@ def test_a_learner_may_be_several_files(short: Command, tmp_path: Path) -> None:
     Path("own").mkdir()
     Path("own/tricks.py").write_text("CHOICE = 0\n")
     Path("own/mine.py").write_text(
-        "import numpy as np\nfrom agents.base import Learner\nfrom tricks import CHOICE\n\n"
+        "import numpy as np\nfrom ecology.agents.base import Learner\nfrom tricks import CHOICE\n\n"
         "class Mine(Learner):\n    def act(self, observations, masks):\n"
         "        return np.full(self.size, CHOICE)\n"
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ecology
-import scenarios
+from ecology import scenarios
 
 GROWTH, CAPACITY, APPETITE = 0.01, 100.0, 0.08  # a full pool bears growth E0 / q = 12.5 eaters
 BEARS = GROWTH * CAPACITY / APPETITE

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parent.parent
 CODE = """
 import sys
 import numpy as np
-import agents.kernels
+import ecology.agents.kernels
 from ecology import kernels
 kernels._cell(0.5, 0.0, 1.0, 4)
 print(kernels.__file__, kernels._cell.stats.cache_path, sum(kernels._cell.stats.cache_hits.values()))
@@ -32,8 +32,8 @@ def read_only(tmp_path: Path) -> Iterator[Path]:
     """Return a folder with a copy of the packages and an empty home, in which nothing can be written."""
     place = tmp_path / "read_only"
     (place / "home").mkdir(parents=True)
-    for name in ("ecology", "agents", "scenarios"):
-        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name, folder in (("ecology", "ecology"), ("agents", "ecology/agents"), ("scenarios", "ecology/scenarios")):
+        shutil.copytree(ROOT / name, place / folder, ignore=shutil.ignore_patterns("__pycache__"))
     folders = [place, *(path for path in place.rglob("*") if path.is_dir())]
     for folder in folders:
         folder.chmod(0o555)

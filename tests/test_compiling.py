@@ -8,10 +8,9 @@ from typing import Any
 
 import numba
 import pytest
+from ecology.scenarios import _compiling, cli
+from ecology.scenarios._compiling import Compiling, Lines
 from numba.core import event
-
-from scenarios import _compiling, cli
-from scenarios._compiling import Compiling, Lines
 
 
 @pytest.fixture

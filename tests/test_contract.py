@@ -7,8 +7,7 @@ import pytest
 from worlds import everything, kind, square
 
 import ecology
-import scenarios
-from ecology import Ecology, EcologyError, contract, life, senses
+from ecology import Ecology, EcologyError, contract, life, scenarios, senses
 from ecology.physics import Physics
 
 AGENT_TICKS = 4000  # of each life, but at least 60 ticks

@@ -12,8 +12,7 @@ import pytest
 from worlds import everything, kind, square, start
 
 import ecology
-import scenarios
-from ecology import Ecology, EcologyError, physics
+from ecology import Ecology, EcologyError, physics, scenarios
 from ecology.fixed import FixedSlots
 
 PICKLED = {"deep": copy.deepcopy, "pickled": lambda world: pickle.loads(pickle.dumps(world))}

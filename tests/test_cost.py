@@ -6,9 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from scenarios import _cost
-from scenarios._sweep import write_table
+from ecology.scenarios import _cost
+from ecology.scenarios._sweep import write_table
 
 
 @pytest.fixture

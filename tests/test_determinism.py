@@ -7,8 +7,7 @@ import pytest
 from worlds import everything, kind, signal, square, start
 
 import ecology
-import scenarios
-from ecology import contract
+from ecology import contract, scenarios
 
 
 def episode(env, ticks=3):

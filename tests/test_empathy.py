@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from ecology.agents.base import drive_terms
 from worlds import BAY, everything, kind, square, start
 
 import ecology
-from agents.base import drive_terms
 from ecology import Arena, Birth, EcologyError, Empathy, Need, contract, physiology
 
 EPSILON = 0.001

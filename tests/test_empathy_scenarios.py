@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from ecology.scenarios import _episodes, _reproduce, food_share, grid_rooms, trap
 
 import ecology
-import scenarios
-from ecology import EcologyError
-from scenarios import _episodes, _reproduce, food_share, grid_rooms, trap
+from ecology import EcologyError, scenarios
 
 NAMES = ("food_share", "grid_rooms", "trap")
 Z = 3.29  # standard errors of an interval that fails one time in a thousand

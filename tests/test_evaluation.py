@@ -9,13 +9,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-import agents
-import scenarios
-from agents import evaluation, figures, planner
-from agents.base import Learner
-from agents.baselines import Random, Rest
-from agents.evaluation import (
+from ecology.agents import evaluation, figures, planner
+from ecology.agents.base import Learner
+from ecology.agents.baselines import Random, Rest
+from ecology.agents.evaluation import (
     ABOUT,
     closed_gap,
     compare_deviation,
@@ -30,9 +27,10 @@ from agents.evaluation import (
     random_starts,
     transition_check,
 )
-from agents.movements import single_ticks
-from agents.planner import Paths
-from ecology import Arena, Ecology, EcologyError, Need, move, rest
+from ecology.agents.movements import single_ticks
+from ecology.agents.planner import Paths
+
+from ecology import Arena, Ecology, EcologyError, Need, agents, move, rest, scenarios
 
 SEED = np.random.SeedSequence(0)
 

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from ecology.agents import checkpoint
+from ecology.agents.base import Learner
+from ecology.scenarios import _faults
+from ecology.scenarios.cli import main
 
-import agents
-from agents import checkpoint
-from agents.base import Learner
-from ecology import kernels
-from scenarios import _faults
-from scenarios.cli import main
+from ecology import agents, kernels
 
 WORLD = """
 import math

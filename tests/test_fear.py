@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ecology.agents.base import Learner
+from ecology.scenarios import _fear, _reproduce
 
-import scenarios
-from agents.base import Learner
-from ecology import Ecology
-from scenarios import _fear, _reproduce
+from ecology import Ecology, scenarios
 
 SEED = np.random.SeedSequence(0)
 

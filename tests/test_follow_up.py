@@ -6,15 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ecology.agents import evaluation, planner
+from ecology.agents.base import Transition
+from ecology.agents.baselines import QValue, Random
+from ecology.agents.planner import Camping
+from ecology.scenarios import cli
 
 import ecology
-import scenarios
-from agents import evaluation, planner
-from agents.base import Transition
-from agents.baselines import QValue, Random
-from agents.planner import Camping
-from ecology import EcologyError, Need, consume, rest
-from scenarios import cli
+from ecology import EcologyError, Need, consume, rest, scenarios
 
 SEED = np.random.SeedSequence(3)
 THREE = ("shifted", "probabilistic", "oscillating")

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from ecology.agents import checkpoint
+from ecology.scenarios._run import opened
+from ecology.scenarios.cli import main
 
-from agents import checkpoint
 from ecology.state import CAUSES
-from scenarios._run import opened
-from scenarios.cli import main
 
 CROWD = """
 '''Wide bodies in a small room: they touch each other and the walls at every tick.'''

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import pytest
 
-import agents
 import ecology
-import scenarios
+from ecology import agents, scenarios
 from ecology.env import EnvOptions
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("ecology", "agents", "scenarios")
-LINE = "import ecology, agents.loop, scenarios.cli; print(ecology.__file__, agents.__file__)"
+FOLDERS = {"ecology": "ecology", "agents": "ecology/agents", "scenarios": "ecology/scenarios"}  # here -> installed
+LINE = "import ecology.agents.loop, ecology.scenarios.cli; print(ecology.__file__, ecology.agents.__file__)"
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +29,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("target")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    for name in PACKAGES:
+    for name in FOLDERS:
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
     subprocess.run(
         [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps",
@@ -56,9 +55,9 @@ def _files(folder: Path) -> list[Path]:
 
 def test_every_module_is_installed(installed: Path) -> None:
     """What lies in the packages' folders here is what an install brings."""
-    for name in PACKAGES:
-        here = {path.relative_to(ROOT) for path in _files(ROOT / name)}
-        there = {path.relative_to(installed) for path in _files(installed / name)}
+    for name, folder in FOLDERS.items():
+        here = {path.relative_to(ROOT / name) for path in _files(ROOT / name)}
+        there = {path.relative_to(installed / folder) for path in _files(installed / folder)}
         assert here - there == set(), "add the package to [tool.setuptools] in pyproject.toml"
 
 
@@ -66,15 +65,15 @@ def test_an_install_works_away_from_the_checkout(installed: Path) -> None:
     """The installed package imports itself, lists its scenarios and writes a new one."""
     paths = _python(installed, "-c", LINE).split()
     assert all(path.startswith(str(installed)) for path in paths)
-    listed = _python(installed, "-m", "scenarios.cli", "list")
+    listed = _python(installed, "-m", "ecology.scenarios.cli", "list")
     assert all(name in listed for name in scenarios.names())
-    _python(installed, "-m", "scenarios.cli", "new", "fresh")
+    _python(installed, "-m", "ecology.scenarios.cli", "new", "fresh")
     assert (installed / "fresh.py").is_file()
 
 
 def test_type_checkers_read_the_installed_packages(installed: Path) -> None:
     """Every package says that it has types, and so that misspelt options are found."""
-    assert all((installed / name / "py.typed").is_file() for name in PACKAGES)
+    assert all((installed / name / "py.typed").is_file() for name in FOLDERS.values())
 
 
 def test_the_options_of_parallel_env_are_typed() -> None:
@@ -92,7 +91,7 @@ def test_the_source_distribution_holds_what_its_tests_need(tmp_path: Path) -> No
     source.mkdir()
     top = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md", "constraints.txt",
            "pyproject.toml")  # fmt: skip
-    folders = (*PACKAGES, "tests", "docs")
+    folders = (*FOLDERS, "tests", "docs")
     for name in top:
         shutil.copy(ROOT / name, source)
     for name in folders:
@@ -108,10 +107,9 @@ def test_the_source_distribution_holds_what_its_tests_need(tmp_path: Path) -> No
 
 
 def test_the_project_has_its_names_to_itself() -> None:
-    """`agents` and `scenarios` are this project's; others install packages of these names too."""
-    home = Path(ecology.__file__).parent.parent
-    for package in (agents, scenarios):
-        assert Path(package.__file__ or "").parent.parent == home, (
+    """All three packages are this checkout's."""
+    for package in (ecology, agents, scenarios):
+        assert Path(package.__file__ or "").parent == ROOT / package.__name__.rpartition(".")[2], (
             f"another package {package.__name__!r} at {package.__file__} hides the project's; install "
             "the project into a virtual environment of its own (make install)."
         )

@@ -16,18 +16,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ecology.agents import checkpoint
+from ecology.scenarios import _run
+from ecology.scenarios._plan import PLAIN as PLAIN_KEYS
+from ecology.scenarios._plan import TABLES, resolve
+from ecology.scenarios._run import Run
+from ecology.scenarios.cli import main
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import ecology
-import scenarios
-from agents import checkpoint
-from ecology import Arena, EcologyError, Need, Resource, Scenario, Species, move, rest
-from scenarios import _run
-from scenarios._plan import PLAIN as PLAIN_KEYS
-from scenarios._plan import TABLES, resolve
-from scenarios._run import Run
-from scenarios.cli import main
+from ecology import Arena, EcologyError, Need, Resource, Scenario, Species, move, rest, scenarios
 
 LONG = int(os.environ.get("ECOLOGY_FUZZ", "0"))  # cases of each test in the long setting
 LIMIT = 60.0  # seconds after which a case hangs; compiling what is compiled takes some, once

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ecology
-import scenarios
+from ecology import scenarios
 
 FOLDER = Path(__file__).parent / "golden"
 TICKS = (1, 10, 50, 120)  # at which the state is held

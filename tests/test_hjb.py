@@ -7,17 +7,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ecology.agents import kernels, loop
+from ecology.agents.base import DivergedError
+from ecology.agents.curiosity import Curiosity
+from ecology.agents.device import Cpu
+from ecology.agents.hjb import ALGORITHM1, HJB
+from ecology.agents.movements import adaptive, single_ticks
+from ecology.scenarios._plan import resolve
 
-import agents
-import scenarios
-from agents import kernels, loop
-from agents.base import DivergedError
-from agents.curiosity import Curiosity
-from agents.device import Cpu
-from agents.hjb import ALGORITHM1, HJB
-from agents.movements import adaptive, single_ticks
-from ecology import Arena, Ecology, EcologyError, Need, Resource, Scenario, Species, consume, move, rest
-from scenarios._plan import resolve
+from ecology import (
+    Arena,
+    Ecology,
+    EcologyError,
+    Need,
+    Resource,
+    Scenario,
+    Species,
+    agents,
+    consume,
+    move,
+    rest,
+    scenarios,
+)
 
 SEED = np.random.SeedSequence(3)
 SMALL = {"width": 24, "batch": 32, "batch_f": 32, "place_cells": 16, "memory": 500}

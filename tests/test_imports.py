@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("ecology", "agents", "scenarios")
+PACKAGES = {"ecology": "ecology", "agents": "ecology.agents", "scenarios": "ecology.scenarios"}  # folder -> name
 
 
 def loaded_by(statement, tmp_path):
@@ -24,14 +24,14 @@ def loaded_by(statement, tmp_path):
 
 
 def imports(path):
-    """Return the top names of the packages that a source file imports, wherever in it they stand."""
-    found = set()
+    """Return the packages that a source file imports, wherever it does: top names, and "ecology.PART"."""
+    names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            found |= {alias.name.partition(".")[0] for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found.add(node.module.partition(".")[0])
-    return found
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name.partition(".")[0] for name in names} | {".".join(name.split(".")[:2]) for name in names}
 
 
 def importing(name, package):
@@ -45,35 +45,36 @@ def test_importing_ecology_is_light(tmp_path):
     """`import ecology` loads neither torch nor rerun, and nobody who learns in it or is built on it."""
     loaded = loaded_by("import ecology", tmp_path)
     assert "ecology.env" in loaded
-    for heavy in ("torch", "rerun", "matplotlib", "pyarrow", "agents", "scenarios"):
+    for heavy in ("torch", "rerun", "matplotlib", "pyarrow", "ecology.agents", "ecology.scenarios"):
         assert heavy not in loaded, f"`import ecology` loads {heavy}"
 
 
 def test_importing_scenarios_is_light(tmp_path):
     """Building a scenario, and listing them, loads neither torch nor rerun nor a learner."""
-    loaded = loaded_by("import scenarios; scenarios.load(scenarios.names()[0])", tmp_path)
-    for heavy in ("torch", "rerun", "agents"):
+    loaded = loaded_by("from ecology import scenarios; scenarios.load(scenarios.names()[0])", tmp_path)
+    for heavy in ("torch", "rerun", "ecology.agents"):
         assert heavy not in loaded, f"loading a scenario loads {heavy}"
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_packages_are_ours(package, tmp_path):
-    """The names `agents` and `scenarios` are generic: in this environment they are this project's."""
+@pytest.mark.parametrize("folder", PACKAGES)
+def test_the_packages_are_ours(folder, tmp_path):
+    """In this environment the packages are those of this checkout."""
+    package = PACKAGES[folder]
     found = loaded_by(f"import {package}", tmp_path)[package]
-    ours = ROOT / package / "__init__.py"
+    ours = ROOT / folder / "__init__.py"
     assert Path(found or "nowhere").resolve() == ours.resolve(), (
         f"`import {package}` finds {found}, not {ours}: another package has this name. Install the project "
         f"into a virtual environment of its own (make install), or uninstall the other `{package}`."
     )
 
 
-@pytest.mark.parametrize("name", ["agents", "scenarios", "torch"])
+@pytest.mark.parametrize("name", ["ecology.agents", "ecology.scenarios", "torch"])
 def test_ecology_knows_nobody_who_acts(name):
     """The world imports neither learners nor scenarios nor torch."""
     assert importing(name, "ecology") == set()
 
 
-@pytest.mark.parametrize("name", ["scenarios", "pymunk", "rerun"])
+@pytest.mark.parametrize("name", ["ecology.scenarios", "pymunk", "rerun"])
 def test_agents_know_only_the_words_of_the_world(name):
     """Those who act import neither scenarios, nor the physics, nor the viewer."""
     assert importing(name, "agents") == set()

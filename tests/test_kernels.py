@@ -10,19 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from ecology.agents import hjb, kernels, loop
+from ecology.agents.device import Cpu, Device
+from ecology.agents.hjb import ALGORITHM1, HJB
+from ecology.agents.kernels import Senses
+from ecology.agents.torch_device import Torch
+from ecology.scenarios import _run
+from ecology.scenarios._plan import resolve
+from ecology.scenarios.cli import main
 from plain_learner import PlainAgent, as_row
 
-import agents
-import scenarios
-from agents import hjb, kernels, loop
-from agents.device import Cpu, Device
-from agents.hjb import ALGORITHM1, HJB
-from agents.kernels import Senses
-from agents.torch_device import Torch
-from ecology import Ecology, EcologyError
-from scenarios import _run
-from scenarios._plan import resolve
-from scenarios.cli import main
+from ecology import Ecology, EcologyError, agents, scenarios
 
 SMALL = {
     "width": 16,
@@ -64,7 +62,7 @@ def on_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise TypeError("a tensor on a device is no array")
 
-    monkeypatch.setattr("agents.device.make", lambda _, senses, n: Torch("cpu", senses))
+    monkeypatch.setattr("ecology.agents.device.make", lambda _, senses, n: Torch("cpu", senses))
     monkeypatch.setattr(torch.Tensor, "__array__", refuse)
 
 
@@ -171,7 +169,7 @@ def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, mo
         mix[0, 0], mix[6, 1], felt[7] = 0.7, 1.0, 0.2
         return mix, felt, exponent
 
-    monkeypatch.setattr("agents.hjb.drive_terms", terms)
+    monkeypatch.setattr("ecology.agents.hjb.drive_terms", terms)
     monkeypatch.setattr("plain_learner.drive_terms", terms)
     compare_updates(learned(SMALL))
 
@@ -322,7 +320,7 @@ def test_threads_make_no_difference(monkeypatch) -> None:
     """Twenty agents updated by one thread and by four are bit for bit the same."""
     found = []
     for workers in (1, 4):
-        monkeypatch.setattr("agents.device.WORKERS", workers)
+        monkeypatch.setattr("ecology.agents.device.WORKERS", workers)
         learner = learned(SMALL, n=20)
         assert isinstance(learner.device, Cpu)
         assert (learner.device.threads is None) == (workers == 1)
@@ -397,10 +395,10 @@ def test_a_fork_and_an_evaluation_compute_where_they_are_told(
         asked.append(name)
         return Cpu(senses, n)
 
-    monkeypatch.setattr("agents.device.make", make)
-    monkeypatch.setattr("agents.evaluation.BASELINES", ())
-    monkeypatch.setattr("agents.evaluation.horizon", lambda *_: 10)
-    monkeypatch.setattr("agents.evaluation.LONGEST", 10)
+    monkeypatch.setattr("ecology.agents.device.make", make)
+    monkeypatch.setattr("ecology.agents.evaluation.BASELINES", ())
+    monkeypatch.setattr("ecology.agents.evaluation.horizon", lambda *_: 10)
+    monkeypatch.setattr("ecology.agents.evaluation.LONGEST", 10)
     monkeypatch.chdir(tmp_path)
     small = ("--set", "learner.width=4", "--set", "learner.memory=50", "--set", "learner.batch=4")
 

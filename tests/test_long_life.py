@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from ecology.scenarios import _run
+from ecology.scenarios.cli import main
 
 from ecology import contract
 from ecology.observers import viewer
-from scenarios import _run
-from scenarios.cli import main
 
 LONG = int(os.environ.get("ECOLOGY_LONG", "0"))  # ticks of the life in the long setting
 TICKS, EVERY = (LONG, 100) if LONG else (300, 1)

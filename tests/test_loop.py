@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from ecology.agents import evaluation, loop
+from ecology.agents.base import Learner
+from ecology.scenarios._plan import resolve
+from ecology.scenarios._run import Run
 
-import agents
-from agents import evaluation, loop
-from agents.base import Learner
-from ecology import Ecology, EcologyError, Scenario
+from ecology import Ecology, EcologyError, Scenario, agents
 from ecology.observers.base import Observer
-from scenarios._plan import resolve
-from scenarios._run import Run
 
 SEED = np.random.SeedSequence(0)
 

@@ -7,8 +7,7 @@ import pytest
 from worlds import BAY, ask, kind, square, start
 
 import ecology
-import scenarios
-from ecology import Arena, Crowding, EcologyError, Need, Outcome, Resource, act, bite, give, meetings, move
+from ecology import Arena, Crowding, EcologyError, Need, Outcome, Resource, act, bite, give, meetings, move, scenarios
 from ecology.actions import compile_actions
 from ecology.state import CAUSES
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ecology.agents import evaluation
+from ecology.scenarios import _minds, _run, cli
 
-from agents import evaluation
 from ecology import EcologyError
-from scenarios import _minds, _run, cli
 
 SMALL = {f"learner.{key}": value for key, value in {"width": 8, "batch": 8, "batch_f": 8, "memory": 200}.items()}
 
@@ -67,8 +67,8 @@ def test_a_seed_is_measured_whole_and_only_once(short, tmp_path, monkeypatch):
 
 def test_a_moved_food_lies_at_the_other_end():
     """The place can be reached, a walk of nearly eight lengths from where the food was, and is on no other food."""
-    from agents.planner import Paths
-    from scenarios import load
+    from ecology.agents.planner import Paths
+    from ecology.scenarios import load
 
     world = load("paper")
     food = next(each for each in world.resources if each.name == _minds.MOVED)

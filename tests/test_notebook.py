@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ecology.agents import checkpoint, evaluation, loop
+from ecology.scenarios.cli import main
 
-import agents
-from agents import checkpoint, evaluation, loop
-from ecology import EcologyError
-from scenarios.cli import main
+from ecology import EcologyError, agents
 
 PAGE = (Path(__file__).parent.parent / "docs" / "notebook.md").read_text(encoding="utf-8")
 

@@ -4,7 +4,7 @@ import gymnasium
 import pytest
 
 import ecology
-import scenarios
+from ecology import scenarios
 from ecology.fixed import FixedSlots
 
 SCENARIO = "predator_prey"

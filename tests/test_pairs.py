@@ -8,8 +8,7 @@ import pytest
 import shapely
 
 import ecology
-import scenarios
-from ecology import neighbours, senses
+from ecology import neighbours, scenarios, senses
 from ecology.plane import Plane
 
 

@@ -6,8 +6,7 @@ from pettingzoo.utils.conversions import parallel_to_aec
 from worlds import kind, square
 
 import ecology
-import scenarios
-from ecology import EcologyError, Hazard
+from ecology import EcologyError, Hazard, scenarios
 from ecology.fixed import FixedSlots
 
 NOTHING = ({}, {}, {}, {}, {})

@@ -4,11 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from ecology.scenarios.paper import COLLAPSE, RUN_UP_TO, TIRES_RUNNING, TIRES_WALKING, WAKING, WALK_UP_TO
 
 import ecology
-import scenarios
-from ecology import Need, Season, consume, physiology, rest, sleep
-from scenarios.paper import COLLAPSE, RUN_UP_TO, TIRES_RUNNING, TIRES_WALKING, WAKING, WALK_UP_TO
+from ecology import Need, Season, consume, physiology, rest, scenarios, sleep
 
 
 def start(scenario, seed=0):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ecology.agents import loop
 
-import agents
 import ecology
-import scenarios
-from agents import loop
+from ecology import agents, scenarios
 from ecology.observers.base import Observer
 from ecology.state import CAUSES
 

@@ -7,8 +7,7 @@ import pytest
 from worlds import everything, kind, square, start
 
 import ecology
-import scenarios
-from ecology import EcologyError, Hazard, Need, Oscillation, Resource, consume, contract, move
+from ecology import EcologyError, Hazard, Need, Oscillation, Resource, consume, contract, move, scenarios
 from ecology.state import CAUSES
 
 

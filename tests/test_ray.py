@@ -13,10 +13,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from ecology.scenarios import _sweep
+from ecology.scenarios.cli import main
 
 from ecology import EcologyError
-from scenarios import _sweep
-from scenarios.cli import main
 
 REFUSED = (
     "gcs_client.cc:210: Unauthenticated: RPC error: InvalidAuthToken: Authentication token is missing or incorrect"

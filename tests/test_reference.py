@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ecology
-import scenarios
+from ecology import scenarios
 
 NEEDS = {"need_1": 0, "need_2": 1, "need_3": 2, "need_4": 3, "muscle_fatigue": 4, "sleep_fatigue": 5}
 

@@ -4,12 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from ecology.agents.base import Learner
+from ecology.scenarios import _episodes, _reproduce, cli
+from ecology.scenarios._reproduce import Case, Ledger, Part, Row
 
-import scenarios
-from agents.base import Learner
-from ecology import Ecology, EcologyError
-from scenarios import _episodes, _reproduce, cli
-from scenarios._reproduce import Case, Ledger, Part, Row
+from ecology import Ecology, EcologyError, scenarios
 
 
 @pytest.fixture

@@ -8,13 +8,11 @@ import math
 import numpy as np
 import pytest
 import shapely
+from ecology.agents import loop
 from pettingzoo.test import parallel_api_test
 from scipy import integrate
 
-import agents
 import ecology
-import scenarios
-from agents import loop
 from ecology import (
     Arena,
     Drift,
@@ -27,11 +25,13 @@ from ecology import (
     Scenario,
     Season,
     Species,
+    agents,
     consume,
     go_to,
     move,
     resources,
     rest,
+    scenarios,
     turn,
 )
 
@@ -646,7 +646,7 @@ def test_pettingzoo_accepts_a_crowd_around_stocks():
 
 def test_a_yardstick_that_counts_on_constant_resources_declines_others():
     """Planner and camping know worlds of unlimited fixed resources and say so elsewhere."""
-    from agents.planner import know
+    from ecology.agents.planner import know
 
     assert know(scenarios.load("paper"), ecology.parallel_env(scenarios.load("paper")).groups["agent"])
     env = crowd()

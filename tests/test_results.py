@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from ecology.agents import evaluation
+from ecology.scenarios import _run, _sweep
+from ecology.scenarios._plan import resolve
+from ecology.scenarios._run import Run
+from ecology.scenarios.cli import main
 
-import agents
-import scenarios
-from agents import evaluation
-from ecology import Ecology, EcologyError
-from scenarios import _run, _sweep
-from scenarios._plan import resolve
-from scenarios._run import Run
-from scenarios.cli import main
+from ecology import Ecology, EcologyError, agents, scenarios
 
 WORLD = """
 import numpy as np

@@ -20,16 +20,15 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from ecology.agents import checkpoint
+from ecology.agents.base import DivergedError, Learner, Transition
+from ecology.scenarios import _run
+from ecology.scenarios._plan import Plan, read_config, resolve, words_of
+from ecology.scenarios._run import Run
+from ecology.scenarios.cli import main
 
-import agents
 import ecology
-from agents import checkpoint
-from agents.base import DivergedError, Learner, Transition
-from ecology import EcologyError
-from scenarios import _run
-from scenarios._plan import Plan, read_config, resolve, words_of
-from scenarios._run import Run
-from scenarios.cli import main
+from ecology import EcologyError, agents
 
 CROWD = """
 '''Twelve wide bodies in a small room: they touch each other and the walls at every tick.'''
@@ -239,7 +238,7 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
     config = tmp_path / "config.toml"
     config.write_text("checkpoint_every = 100")
     process = subprocess.Popen(
-        [sys.executable, "-m", "scenarios.cli", "run", "paper", "--learner", "random", "--ticks", "10000000",
+        [sys.executable, "-m", "ecology.scenarios.cli", "run", "paper", "--learner", "random", "--ticks", "10000000",
          "--config", str(config), "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -324,7 +323,7 @@ def test_a_killed_run_goes_on_whenever_it_was_killed(tmp_path: Path, capsys: pyt
     assert end(early) == end(whole)
     # killed after the first rows, before a checkpoint of a lived tick
     code = (
-        "import os\nfrom scenarios import cli, _run\nfrom ecology.observers import recorder, rerun\n"
+        "import os\nfrom ecology.scenarios import cli, _run\nfrom ecology.observers import recorder, rerun\n"
         "recorder.SECONDS = rerun.SECONDS_FILE = 0.0\n"
         "_run.Interrupt.watch = lambda self, state, *_: os.kill(os.getpid(), 9) if state.tick == 25 else None\n"
     )
@@ -534,7 +533,7 @@ def test_a_checkpoint_outlives_a_failure_while_it_is_written(tmp_path: Path) -> 
 KILLED = """
 import os, pathlib, random, shutil, signal, sys, time
 import numpy as np
-from agents import checkpoint
+from ecology.agents import checkpoint
 folder = pathlib.Path(sys.argv[1])
 
 def write(n):

@@ -6,11 +6,10 @@ import math
 import numpy as np
 import pytest
 import shapely
+from ecology.scenarios.paper import ARENA, PLACES, WALK_UP_TO
 
 import ecology
-import scenarios
-from ecology import Need, senses
-from scenarios.paper import ARENA, PLACES, WALK_UP_TO
+from ecology import Need, scenarios, senses
 
 
 def look(position, heading=0.0, name="paper", **settings):

@@ -11,8 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from worlds import kind, square
 
 import ecology
-import scenarios
-from ecology import EcologyError, Hazard
+from ecology import EcologyError, Hazard, scenarios
 
 ONE_AGENT = [name for name in scenarios.names() if sum(s.slots for s in scenarios.load(name).species) == 1]
 MANY = [name for name in scenarios.names() if name not in ONE_AGENT]

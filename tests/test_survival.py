@@ -5,12 +5,11 @@ import math
 
 import numpy as np
 import pytest
+from ecology.agents import checkpoint
+from ecology.scenarios import _reproduce, _survival, cli
+from ecology.scenarios._reproduce import Ledger
 
-import scenarios
-from agents import checkpoint
-from ecology import Ecology
-from scenarios import _reproduce, _survival, cli
-from scenarios._reproduce import Ledger
+from ecology import Ecology, scenarios
 
 
 def test_a_life_is_that_of_a_run(tmp_path):

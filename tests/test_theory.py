@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import ecology
-import scenarios
-from ecology import Need, Species, physiology, rest
+from ecology import Need, Species, physiology, rest, scenarios
 
 GAMMA = 0.99  # per unit of time
 

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-
-from agents import device as devices
-from agents.torch_device import Torch
-from scenarios import _updates
+from ecology.agents import device as devices
+from ecology.agents.torch_device import Torch
+from ecology.scenarios import _updates
 
 
 @pytest.fixture(autouse=True)

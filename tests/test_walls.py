@@ -8,8 +8,7 @@ import shapely
 from worlds import ask, kind, start
 
 import ecology
-import scenarios
-from ecology import Arena, Birth, EcologyError, Scenario, contract, life, move, physics
+from ecology import Arena, Birth, EcologyError, Scenario, contract, life, move, physics, scenarios
 from ecology.kernels import stays
 from ecology.plane import corners_of
 

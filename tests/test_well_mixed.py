@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import ecology
-import scenarios
-from ecology import move, rest
+from ecology import move, rest, scenarios
 
 PREY, GROWTH, MORTALITY = 500, 0.03, 0.015  # at rest: 500 prey and 1000 predators
 CULLING = 0.005
