@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from ecology.agents.base import Learner
 
-from ecology import Ecology, EcologyError, Group, Tick
+from ecology import Ecology, EcologyError, Group, Tick, faults
+from ecology.agents.base import Learner
 from ecology.beside import importable_beside
 from ecology.errors import nearest
+
+faults.HOUSE.add(str(Path(__file__).parent))
 
 # name -> module, class, the mapping in the module that holds its settings where they are not the
 # defaults, and a line for `ecology list`; loaded when asked for
@@ -52,8 +54,10 @@ def learner_class(name: str) -> type[Learner]:
     Loading a file runs its code: load only files that you trust.
     """
     if name in LEARNERS:
-        module, cls, _, _ = LEARNERS[name]
-        return getattr(importlib.import_module(module), cls)
+        module_name, cls, _, _ = LEARNERS[name]
+        module = importlib.import_module(module_name)
+        faults.SHIPPED.add(str(module.__file__))
+        return getattr(module, cls)
     own = re.fullmatch(r"(.+\.py)(?::(\w+))?", name)
     if not own:
         raise EcologyError(
@@ -132,7 +136,7 @@ def load(folder: str | Path, *, frozen: bool = False, epsilon: float = 0.05, dev
     `device`, or where the run's did. Raises EcologyError where `folder` holds no run or no whole checkpoint. A run of a
     scenario file runs the code of that file.
     """
-    runs = importlib.import_module("ecology.scenarios._run")  # the floor above, which knows run folders
+    runs = importlib.import_module("ecology.lab.runs.run")  # the floor above, which knows run folders
     run = runs.opened(Path(folder), device=device)
     run.restore()
     if frozen:

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from ecology.agents.base import Learner, Transition
 
 from ecology import EcologyError, Group
+from ecology.agents.base import Learner, Transition
 
 EXPLORES = 0.2  # share of random actions while one learns
 

@@ -16,11 +16,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from ecology.agents import kernels
-from ecology.agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 from threadpoolctl import ThreadpoolController
 
 from ecology import EcologyError
+from ecology.agents import kernels
+from ecology.agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 
 NAMES = r"cpu|mps|cuda(:\d+)?"
 CROWD = 8  # agents from which on work is split over threads

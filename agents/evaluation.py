@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from ecology.agents import loop
-from ecology.agents.base import Learner
-from ecology.agents.baselines import Greedy, QValue, Random, Rest
-from ecology.agents.planner import Camping, Exploring, Paths, Planner, served
 from scipy import ndimage, stats
 
 from ecology import Ecology, EcologyError, Group, Scenario, State, Tick
 from ecology.actions import ActionTable, compile_actions
+from ecology.agents import loop
+from ecology.agents.base import Learner
+from ecology.agents.baselines import Greedy, QValue, Random, Rest
+from ecology.agents.planner import Camping, Exploring, Paths, Planner, served
 from ecology.life import scatter
 from ecology.observers.base import Mind, Observer
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ecology.agents.evaluation import DeviationCheck, Findings, Life, Maps
 
 from ecology import EcologyError, Scenario, Species
+from ecology.agents.evaluation import DeviationCheck, Findings, Life, Maps
 from ecology.observers import recorder
 from ecology.observers.colours import need_colour, resource_colours, shaded
 from ecology.observers.plotting import Axes, Circle, Figure, LineCollection, Polygon, new_figure

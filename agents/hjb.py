@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from ecology import EcologyError, Group
 from ecology.agents import device as devices
 from ecology.agents import kernels
 from ecology.agents.base import DivergedError, Learner, Transition, drive_terms
@@ -26,8 +28,6 @@ from ecology.agents.curiosity import Curiosity
 from ecology.agents.memory import Memory
 from ecology.agents.movements import Movements, adaptive, single_ticks
 from ecology.agents.networks import Perceptrons
-
-from ecology import EcologyError, Group
 
 DEPRIVED, SATED = -1.0, 0.4  # imagined deviations lie between these, times x*
 J_CENTRE, J_SPREAD, J_CEILING = 0.45, 0.55, 2.75  # of J's output, times the drive of total deprivation

@@ -6,9 +6,9 @@ import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
-from ecology.agents.base import Learner, Transition
 
 from ecology import Ecology, EcologyError, Group, Tick
+from ecology.agents.base import Learner, Transition
 from ecology.observers.base import Observer
 
 

@@ -20,12 +20,12 @@ from typing import ClassVar
 
 import numpy as np
 import shapely
-from ecology.agents.base import Learner
-from ecology.agents.movements import Movements
 from scipy.sparse.csgraph import dijkstra
 
 from ecology import Arena, Ecology, EcologyError, Group, Scenario
 from ecology.actions import ActionTable, compile_actions
+from ecology.agents.base import Learner
+from ecology.agents.movements import Movements
 from ecology.physiology import advance, clamp, compile_bodies, drive
 from ecology.senses import wrap
 from ecology.spec import Oscillation

@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.nn import functional
+
 from ecology.agents.device import Device
 from ecology.agents.kernels import FADING as FADES
 from ecology.agents.kernels import LONGEST as LIMIT
 from ecology.agents.kernels import PRIOR as NO_ERROR
 from ecology.agents.kernels import STALE as STALENESS
 from ecology.agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
-from torch import Tensor
-from torch.nn import functional
 
 ROOM = 2**31  # bytes to work in; agents are taken in parts that fit
 LONGEST = float(LIMIT)  # units of time, of a predicted duration

@@ -1,5 +1,6 @@
 """`python -m ecology` is the command `ecology`."""
 
-import runpy
+from ecology.lab.cli import main
 
-runpy.run_module("ecology.scenarios.cli", run_name="__main__", alter_sys=True)  # run: the world knows no scenario
+if __name__ == "__main__":
+    main()

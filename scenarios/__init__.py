@@ -15,20 +15,20 @@ from typing import Any
 
 import cloudpickle
 import gymnasium
-from ecology.scenarios import _faults
 
-from ecology import EcologyError, GymEnv, Scenario, gym_env
+from ecology import EcologyError, GymEnv, Scenario, faults, gym_env
 from ecology.beside import importable_beside
 from ecology.errors import describe_refusal, nearest
 from ecology.typed import plain
 
 HERE = Path(__file__).parent
+faults.HOUSE.add(str(HERE))
 EPISODE = 1000  # ticks after which a Gymnasium episode of a scenario is truncated, unless told otherwise
 
 
 def names() -> list[str]:
     """Return the names of the scenarios that ship, sorted."""
-    return sorted(path.stem for path in HERE.glob("*.py") if path.stem != "cli" and not path.stem.startswith("_"))
+    return sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
 
 
 def module(name: str) -> ModuleType:
@@ -65,7 +65,7 @@ def module(name: str) -> ModuleType:
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:
-        raise _faults.named(f"the scenario file {str(path)!r} does not run", error) from error
+        raise faults.named(f"the scenario file {str(path)!r} does not run", error) from error
     _pickle_by_value(loaded, path.parent)
     if not callable(getattr(loaded, "build", None)):
         raise EcologyError(
@@ -107,7 +107,7 @@ def load(name: str, /, **changes: Any) -> Scenario:
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:
-        raise _faults.named(f"the scenario {name!r} cannot be built with {changes}", error) from error
+        raise faults.named(f"the scenario {name!r} cannot be built with {changes}", error) from error
     if not isinstance(scenario, Scenario):
         raise EcologyError(
             f"`build` of the scenario {name!r} must return an ecology.Scenario, got {type(scenario).__name__}."
@@ -157,6 +157,7 @@ def make_gym(name: str, *, horizon: int | None = None, render_mode: str | None =
 def _register() -> None:
     """Register every scenario that ships with Gymnasium, as "ecology/NAME-v0"; `make` loads it."""
     for name in names():
+        faults.SHIPPED.add(str(HERE / f"{name}.py"))
         id_ = f"ecology/{name}-v0"
         if id_ not in gymnasium.registry:
             gymnasium.register(

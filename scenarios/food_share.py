@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from ecology.scenarios._empathy import LEARNER, empathy
 
 from ecology import Arena, Empathy, Need, Neighbours, Outcome, Scenario, Species, World, act, rest
+from ecology.scenarios.shared.conditions import LEARNER, empathy
 
 D_HIGH, D_LOW = -math.log(0.95), -math.log(0.05)  # drive at high and at low energy
 HIGH = math.sqrt(D_LOW**2 - D_HIGH**2)  # x* of energy, so that x = x* and x = 0 have these drives

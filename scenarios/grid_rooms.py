@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from ecology.scenarios._empathy import LEARNER, empathy
 
 from ecology import Arena, Empathy, Need, Neighbours, Outcome, Scenario, Species, World, act, rest
+from ecology.scenarios.shared.conditions import LEARNER, empathy
 
 CELLS = 5  # of length 1, food in cell 0
 LOSS, MEAL = 0.003, 0.1  # of energy per tick; gain of one food eaten

@@ -11,9 +11,8 @@ swing. Train, then test:
 
 from __future__ import annotations
 
-from ecology.scenarios._easy import square
-
 from ecology import Oscillation, Scenario
+from ecology.scenarios.shared.square import square
 
 SWINGS = (((0.5, 4.25), (1.5, 4.25)), ((3.5, 1.5), (3.5, 2.5)))  # of each resource: from, to
 

@@ -15,8 +15,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ecology.scenarios.paper import ARENA, PLACES
-
 from ecology import (
     Action,
     Arena,
@@ -32,6 +30,7 @@ from ecology import (
     sleep,
     turn,
 )
+from ecology.scenarios.paper import ARENA, PLACES
 
 SQUARE = Arena(vertices=((0, 0), (10, 0), (10, 10), (0, 10)))
 WORLDS = {"MEDIUM": (ARENA, 4), "EASY": (SQUARE, 2)}  # the arena and how many of the resources

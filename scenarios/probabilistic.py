@@ -10,9 +10,8 @@ from nor gone to. Train, then test:
 
 from __future__ import annotations
 
-from ecology.scenarios._easy import square
-
 from ecology import Scenario
+from ecology.scenarios.shared.square import square
 
 
 def build(

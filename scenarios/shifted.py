@@ -11,9 +11,8 @@ tests follow the learned f. Train, then test:
 
 from __future__ import annotations
 
-from ecology.scenarios._easy import square
-
 from ecology import Scenario
+from ecology.scenarios.shared.square import square
 
 SHIFTED = ({"position": (1.0, 4.25)}, {"position": (3.5, 2.0)})
 

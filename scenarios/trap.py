@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from ecology.scenarios._empathy import LEARNER, empathy
 
 from ecology import (
     Arena,
@@ -30,6 +29,7 @@ from ecology import (
     consume,
     rest,
 )
+from ecology.scenarios.shared.conditions import LEARNER, empathy
 
 STEP, REACH, HAND = 0.15, 0.3, 0.4  # lengths: of a move, to the food, to the other
 WAYS = {"left": (-1, 0), "right": (1, 0), "up": (0, 1), "down": (0, -1)}

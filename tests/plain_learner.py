@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor, nn
+
 from ecology.agents import hjb, kernels
 from ecology.agents.base import drive_terms
 from ecology.agents.hjb import HJB
-from torch import Tensor, nn
 
 
 def network(sizes: list[int], activation: type[nn.Module], row: np.ndarray) -> nn.Sequential:

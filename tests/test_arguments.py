@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ecology.agents.base import Transition
-from ecology.agents.planner import Camping, Planner
 
 from ecology import agents, contract, parallel_env, scenarios
+from ecology.agents.base import Transition
+from ecology.agents.planner import Camping, Planner
 from ecology.fixed import FixedSlots
 
 EVERY = scenarios.names()

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 import pytest
+
+from ecology import Arena, Ecology, EcologyError, Need, agents, consume, rest, scenarios
 from ecology.agents import loop, planner
 from ecology.agents.base import Transition
 from ecology.agents.baselines import Greedy, Random, Rest
 from ecology.agents.evaluation import mean_drive
 from ecology.agents.movements import adaptive
 from ecology.agents.planner import Camping, Exploring, Paths, Planner, gauge, rounds
-
-from ecology import Arena, Ecology, EcologyError, Need, agents, consume, rest, scenarios
 
 SEED = np.random.SeedSequence(3)
 

@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ecology.agents import loop
-from ecology.scenarios import _bench
-from ecology.scenarios.cli import main
 
 from ecology import agents
+from ecology.agents import loop
+from ecology.lab.bench import speed as _bench
+from ecology.lab.cli import main
 
 SHORT = ["bench", "--rounds", "2", "--seconds", "0", "--quiet"]
 

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from worlds import kind, square, start
+
+from ecology import Ecology, EcologyError, Group, Need, Neighbours, Tick, agents, bite, scenarios
 from ecology.agents import kernels, loop
 from ecology.agents.base import Learner, Transition, drive_terms
 from ecology.agents.baselines import Greedy
 from ecology.agents.hjb import HJB
-from worlds import kind, square, start
-
-from ecology import Ecology, EcologyError, Group, Need, Neighbours, Tick, agents, bite, scenarios
 
 SEED = np.random.SeedSequence(5)
 SMALL = {"width": 16, "batch": 16, "batch_f": 16, "place_cells": 8, "memory": 200, "inherit": True}

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ecology.scenarios import cli
-from ecology.scenarios._values import read_value
-from ecology.scenarios.cli import main
 
 from ecology import EcologyError, __version__, agents, errors, scenarios
+from ecology.lab import cli
+from ecology.lab.cli import main
+from ecology.lab.values import read_value
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -73,7 +73,7 @@ def test_help_shows_defaults_that_depend_on_others(ecology: Command, monkeypatch
 
 def test_the_help_of_reproduce_names_every_result(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """What can be reproduced is read without starting it."""
-    from ecology.scenarios import _reproduce
+    from ecology.lab.certificate import case as _reproduce
 
     monkeypatch.setenv("COLUMNS", "160")
     code, out, _ = ecology("reproduce", "--help")
@@ -85,7 +85,7 @@ def test_the_help_of_reproduce_names_every_result(ecology: Command, monkeypatch:
 def test_the_command_line_is_quick_to_start() -> None:
     """Asking for the list loads neither torch nor rerun nor matplotlib."""
     code = (
-        "import sys; from ecology.scenarios.cli import main\n"
+        "import sys; from ecology.lab.cli import main\n"
         "try: main(['list'])\nexcept SystemExit: pass\n"
         "print('loaded', {'torch', 'rerun', 'matplotlib'} & set(sys.modules))"
     )
@@ -636,7 +636,7 @@ def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.Monke
 def test_focus_turns_a_run_that_is_alive(ecology: Command) -> None:
     """`ecology focus` is answered by a run that lives; of one that does not, and of no run, it says so."""
     words = ["run", "predator_prey", "--ticks", "1000000", "--learner", "random", "--out", "mine", "--quiet"]
-    run = subprocess.Popen([sys.executable, "-m", "ecology.scenarios.cli", *words])
+    run = subprocess.Popen([sys.executable, "-m", "ecology.lab.cli", *words])
     try:
         while not Path("mine/recording.rrd").exists():
             assert run.poll() is None
@@ -818,7 +818,7 @@ def test_the_package_is_the_command(tmp_path: Path) -> None:
 def test_a_shell_completes_commands(tmp_path: Path) -> None:
     """The completion that a shell asks for names commands."""
     env = {**os.environ, "_ECOLOGY_COMPLETE": "complete_bash", "COMP_WORDS": "ecology sw", "COMP_CWORD": "1"}
-    code = "import sys; sys.argv[0] = 'ecology'; from ecology.scenarios.cli import main; main([])"
+    code = "import sys; sys.argv[0] = 'ecology'; from ecology.lab.cli import main; main([])"
     done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
     assert done.stdout.split() == ["sweep"], done.stderr
 

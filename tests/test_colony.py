@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from ecology.scenarios.colony import GIVES, SET_POINT
 
 import ecology
 from ecology import scenarios
+from ecology.scenarios.colony import GIVES, SET_POINT
 
 HUNGRY = (-0.6, -1.0)  # deviations of nurse and brood
 

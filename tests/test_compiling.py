@@ -8,9 +8,11 @@ from typing import Any
 
 import numba
 import pytest
-from ecology.scenarios import _compiling, cli
-from ecology.scenarios._compiling import Compiling, Lines
 from numba.core import event
+
+from ecology.lab import cli
+from ecology.lab import compiling as _compiling
+from ecology.lab.compiling import Compiling, Lines
 
 
 @pytest.fixture

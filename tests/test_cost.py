@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from ecology.scenarios import _cost
-from ecology.scenarios._sweep import write_table
+
+from ecology.lab.bench import cost as _cost
+from ecology.lab.runs.sweep import write_table
 
 
 @pytest.fixture

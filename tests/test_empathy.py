@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from ecology.agents.base import drive_terms
 from worlds import BAY, everything, kind, square, start
 
 import ecology
 from ecology import Arena, Birth, EcologyError, Empathy, Need, contract, physiology
+from ecology.agents.base import drive_terms
 
 EPSILON = 0.001
 FAR = [[1.0, 1.0], [2.0, 1.0], [7.0, 7.0]]  # two near each other and one far away

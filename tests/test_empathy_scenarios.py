@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from ecology.scenarios import _episodes, _reproduce, food_share, grid_rooms, trap
 
 import ecology
 from ecology import EcologyError, scenarios
+from ecology.lab.certificate import case as _reproduce
+from ecology.lab.certificate import episodes as _episodes
+from ecology.scenarios import food_share, grid_rooms, trap
 
 NAMES = ("food_share", "grid_rooms", "trap")
 Z = 3.29  # standard errors of an interval that fails one time in a thousand

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+from ecology import Arena, Ecology, EcologyError, Need, agents, move, rest, scenarios
 from ecology.agents import evaluation, figures, planner
 from ecology.agents.base import Learner
 from ecology.agents.baselines import Random, Rest
@@ -29,8 +31,6 @@ from ecology.agents.evaluation import (
 )
 from ecology.agents.movements import single_ticks
 from ecology.agents.planner import Paths
-
-from ecology import Arena, Ecology, EcologyError, Need, agents, move, rest, scenarios
 
 SEED = np.random.SeedSequence(0)
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ecology.agents import checkpoint
-from ecology.agents.base import Learner
-from ecology.scenarios import _faults
-from ecology.scenarios.cli import main
 
 from ecology import agents, kernels
+from ecology import faults as _faults
+from ecology.agents import checkpoint
+from ecology.agents.base import Learner
+from ecology.lab.cli import main
 
 WORLD = """
 import math

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ecology.agents.base import Learner
-from ecology.scenarios import _fear, _reproduce
 
 from ecology import Ecology, scenarios
+from ecology.agents.base import Learner
+from ecology.lab.certificate import case as _reproduce
+from ecology.lab.certificate import predation as _fear
 
 SEED = np.random.SeedSequence(0)
 

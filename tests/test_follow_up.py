@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import ecology
+from ecology import EcologyError, Need, consume, rest, scenarios
 from ecology.agents import evaluation, planner
 from ecology.agents.base import Transition
 from ecology.agents.baselines import QValue, Random
 from ecology.agents.planner import Camping
-from ecology.scenarios import cli
-
-import ecology
-from ecology import EcologyError, Need, consume, rest, scenarios
+from ecology.lab import cli
 
 SEED = np.random.SeedSequence(3)
 THREE = ("shifted", "probabilistic", "oscillating")

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ecology.agents import checkpoint
-from ecology.scenarios._run import opened
-from ecology.scenarios.cli import main
 
+from ecology.agents import checkpoint
+from ecology.lab.cli import main
+from ecology.lab.runs.run import opened
 from ecology.state import CAUSES
 
 CROWD = """

@@ -20,7 +20,7 @@ from ecology.env import EnvOptions
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"ecology": "ecology", "agents": "ecology/agents", "scenarios": "ecology/scenarios"}  # here -> installed
-LINE = "import ecology.agents.loop, ecology.scenarios.cli; print(ecology.__file__, ecology.agents.__file__)"
+LINE = "import ecology.agents.loop, ecology.lab.cli; print(ecology.__file__, ecology.agents.__file__)"
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +65,9 @@ def test_an_install_works_away_from_the_checkout(installed: Path) -> None:
     """The installed package imports itself, lists its scenarios and writes a new one."""
     paths = _python(installed, "-c", LINE).split()
     assert all(path.startswith(str(installed)) for path in paths)
-    listed = _python(installed, "-m", "ecology.scenarios.cli", "list")
+    listed = _python(installed, "-m", "ecology.lab.cli", "list")
     assert all(name in listed for name in scenarios.names())
-    _python(installed, "-m", "ecology.scenarios.cli", "new", "fresh")
+    _python(installed, "-m", "ecology.lab.cli", "new", "fresh")
     assert (installed / "fresh.py").is_file()
 
 

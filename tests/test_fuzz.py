@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ecology.agents import checkpoint
-from ecology.scenarios import _run
-from ecology.scenarios._plan import PLAIN as PLAIN_KEYS
-from ecology.scenarios._plan import TABLES, resolve
-from ecology.scenarios._run import Run
-from ecology.scenarios.cli import main
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import ecology
 from ecology import Arena, EcologyError, Need, Resource, Scenario, Species, move, rest, scenarios
+from ecology.agents import checkpoint
+from ecology.lab.cli import main
+from ecology.lab.runs import run as _run
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import PLAIN as PLAIN_KEYS
+from ecology.lab.runs.run_config import TABLES, resolve
 
 LONG = int(os.environ.get("ECOLOGY_FUZZ", "0"))  # cases of each test in the long setting
 LIMIT = 60.0  # seconds after which a case hangs; compiling what is compiled takes some, once

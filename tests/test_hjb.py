@@ -7,13 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ecology.agents import kernels, loop
-from ecology.agents.base import DivergedError
-from ecology.agents.curiosity import Curiosity
-from ecology.agents.device import Cpu
-from ecology.agents.hjb import ALGORITHM1, HJB
-from ecology.agents.movements import adaptive, single_ticks
-from ecology.scenarios._plan import resolve
 
 from ecology import (
     Arena,
@@ -29,6 +22,13 @@ from ecology import (
     rest,
     scenarios,
 )
+from ecology.agents import kernels, loop
+from ecology.agents.base import DivergedError
+from ecology.agents.curiosity import Curiosity
+from ecology.agents.device import Cpu
+from ecology.agents.hjb import ALGORITHM1, HJB
+from ecology.agents.movements import adaptive, single_ticks
+from ecology.lab.runs.run_config import resolve
 
 SEED = np.random.SeedSequence(3)
 SMALL = {"width": 24, "batch": 32, "batch_f": 32, "place_cells": 16, "memory": 500}

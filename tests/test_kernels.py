@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from plain_learner import PlainAgent, as_row
+
+from ecology import Ecology, EcologyError, agents, scenarios
 from ecology.agents import hjb, kernels, loop
 from ecology.agents.device import Cpu, Device
 from ecology.agents.hjb import ALGORITHM1, HJB
 from ecology.agents.kernels import Senses
 from ecology.agents.torch_device import Torch
-from ecology.scenarios import _run
-from ecology.scenarios._plan import resolve
-from ecology.scenarios.cli import main
-from plain_learner import PlainAgent, as_row
-
-from ecology import Ecology, EcologyError, agents, scenarios
+from ecology.lab.cli import main
+from ecology.lab.runs import run as _run
+from ecology.lab.runs.run_config import resolve
 
 SMALL = {
     "width": 16,

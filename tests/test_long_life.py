@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ecology.scenarios import _run
-from ecology.scenarios.cli import main
 
 from ecology import contract
+from ecology.lab.cli import main
+from ecology.lab.runs import run as _run
 from ecology.observers import viewer
 
 LONG = int(os.environ.get("ECOLOGY_LONG", "0"))  # ticks of the life in the long setting

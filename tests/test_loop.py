@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from ecology.agents import evaluation, loop
-from ecology.agents.base import Learner
-from ecology.scenarios._plan import resolve
-from ecology.scenarios._run import Run
 
 from ecology import Ecology, EcologyError, Scenario, agents
+from ecology.agents import evaluation, loop
+from ecology.agents.base import Learner
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import resolve
 from ecology.observers.base import Observer
 
 SEED = np.random.SeedSequence(0)

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ecology.agents import evaluation
-from ecology.scenarios import _minds, _run, cli
 
 from ecology import EcologyError
+from ecology.agents import evaluation
+from ecology.lab import cli
+from ecology.lab.certificate import minds as _minds
+from ecology.lab.runs import run as _run
 
 SMALL = {f"learner.{key}": value for key, value in {"width": 8, "batch": 8, "batch_f": 8, "memory": 200}.items()}
 

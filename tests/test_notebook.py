@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ecology.agents import checkpoint, evaluation, loop
-from ecology.scenarios.cli import main
 
 from ecology import EcologyError, agents
+from ecology.agents import checkpoint, evaluation, loop
+from ecology.lab.cli import main
 
 PAGE = (Path(__file__).parent.parent / "docs" / "notebook.md").read_text(encoding="utf-8")
 

@@ -13,12 +13,12 @@ import types
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ecology.agents.base import Learner
-from ecology.agents.loop import advance
 from worlds import ask, kind, square, start
 
 import ecology
 from ecology import Ecology, EcologyError, agents, scenarios
+from ecology.agents.base import Learner
+from ecology.agents.loop import advance
 from ecology.life import scatter
 from ecology.observers import census, maps, picture, viewer
 from ecology.observers.recorder import Recorder, parts_of, read

@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 import shapely
-from ecology.scenarios.paper import ARENA
 
 import ecology
 from ecology import Arena, move, physics, rest, scenarios
 from ecology.kernels import inside_polygon
+from ecology.scenarios.paper import ARENA
 
 SQUARE = Arena(vertices=((0, 0), (10, 0), (10, 10), (0, 10)))
 # an arena of corners: a sharp one (17 degrees), notches, a gap as wide as two bodies

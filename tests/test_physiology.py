@@ -4,10 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
-from ecology.scenarios.paper import COLLAPSE, RUN_UP_TO, TIRES_RUNNING, TIRES_WALKING, WAKING, WALK_UP_TO
 
 import ecology
 from ecology import Need, Season, consume, physiology, rest, scenarios, sleep
+from ecology.scenarios.paper import COLLAPSE, RUN_UP_TO, TIRES_RUNNING, TIRES_WALKING, WAKING, WALK_UP_TO
 
 
 def start(scenario, seed=0):

@@ -12,7 +12,7 @@ import pytest
 NOTEBOOK = "module://matplotlib_inline.backend_inline"  # what a notebook sets for the commands that it starts
 COMMANDS = """
 import sys
-from ecology.scenarios.cli import main
+from ecology.lab.cli import main
 for words in (
     "run paper --ticks 20 --learner random --quiet --out r",
     "evaluate r --ticks 20 --places 1 --quiet",

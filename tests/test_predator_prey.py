@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from ecology.agents import loop
 
 import ecology
 from ecology import agents, scenarios
+from ecology.agents import loop
 from ecology.observers.base import Observer
 from ecology.state import CAUSES
 

@@ -13,10 +13,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from ecology.scenarios import _sweep
-from ecology.scenarios.cli import main
 
 from ecology import EcologyError
+from ecology.lab.cli import main
+from ecology.lab.runs import sweep as _sweep
 
 REFUSED = (
     "gcs_client.cc:210: Unauthenticated: RPC error: InvalidAuthToken: Authentication token is missing or incorrect"

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ecology.agents import checkpoint, learner_class, settings
-from ecology.scenarios.cli import main
 
 from ecology import Arena, Ecology, Need, Scenario, Species, act, contract, rest, scenarios
+from ecology.agents import checkpoint, learner_class, settings
+from ecology.lab.cli import main
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
@@ -130,7 +130,7 @@ def test_a_file_that_holds_no_learner_is_one_clear_error(name, code, said, tmp_p
 
 def test_every_command_is_in_the_readme():
     """The table of commands names all that there are."""
-    from ecology.scenarios.cli import app
+    from ecology.lab.cli import app
 
     names = {command.name or command.callback.__name__ for command in app.registered_commands if command.callback}
     for name in names:

@@ -4,11 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from ecology.agents.base import Learner
-from ecology.scenarios import _episodes, _reproduce, cli
-from ecology.scenarios._reproduce import Case, Ledger, Part, Row
 
 from ecology import Ecology, EcologyError, scenarios
+from ecology.agents.base import Learner
+from ecology.lab import cli
+from ecology.lab.certificate import case as _reproduce
+from ecology.lab.certificate import episodes as _episodes
+from ecology.lab.certificate.case import Case, Ledger, Part, Row
 
 
 @pytest.fixture

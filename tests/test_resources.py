@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 import shapely
-from ecology.agents import loop
 from pettingzoo.test import parallel_api_test
 from scipy import integrate
 
@@ -34,6 +33,7 @@ from ecology import (
     scenarios,
     turn,
 )
+from ecology.agents import loop
 
 SIDE = 4.0
 SQUARE = Arena(vertices=((0, 0), (SIDE, 0), (SIDE, SIDE), (0, SIDE)))

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ecology.agents import evaluation
-from ecology.scenarios import _run, _sweep
-from ecology.scenarios._plan import resolve
-from ecology.scenarios._run import Run
-from ecology.scenarios.cli import main
 
 from ecology import Ecology, EcologyError, agents, scenarios
+from ecology.agents import evaluation
+from ecology.lab.cli import main
+from ecology.lab.runs import run as _run
+from ecology.lab.runs import sweep as _sweep
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import resolve
 
 WORLD = """
 import numpy as np

@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ecology.agents import checkpoint
-from ecology.agents.base import DivergedError, Learner, Transition
-from ecology.scenarios import _run
-from ecology.scenarios._plan import Plan, read_config, resolve, words_of
-from ecology.scenarios._run import Run
-from ecology.scenarios.cli import main
 
 import ecology
 from ecology import EcologyError, agents
+from ecology.agents import checkpoint
+from ecology.agents.base import DivergedError, Learner, Transition
+from ecology.lab.cli import main
+from ecology.lab.runs import run as _run
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import Plan, read_config, resolve, words_of
 
 CROWD = """
 '''Twelve wide bodies in a small room: they touch each other and the walls at every tick.'''
@@ -238,7 +238,7 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
     config = tmp_path / "config.toml"
     config.write_text("checkpoint_every = 100")
     process = subprocess.Popen(
-        [sys.executable, "-m", "ecology.scenarios.cli", "run", "paper", "--learner", "random", "--ticks", "10000000",
+        [sys.executable, "-m", "ecology.lab.cli", "run", "paper", "--learner", "random", "--ticks", "10000000",
          "--config", str(config), "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -323,7 +323,8 @@ def test_a_killed_run_goes_on_whenever_it_was_killed(tmp_path: Path, capsys: pyt
     assert end(early) == end(whole)
     # killed after the first rows, before a checkpoint of a lived tick
     code = (
-        "import os\nfrom ecology.scenarios import cli, _run\nfrom ecology.observers import recorder, rerun\n"
+        "import os\nfrom ecology.lab import cli\n"
+        "from ecology.lab.runs import run as _run\nfrom ecology.observers import recorder, rerun\n"
         "recorder.SECONDS = rerun.SECONDS_FILE = 0.0\n"
         "_run.Interrupt.watch = lambda self, state, *_: os.kill(os.getpid(), 9) if state.tick == 25 else None\n"
     )

@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 import shapely
-from ecology.scenarios.paper import ARENA, PLACES, WALK_UP_TO
 
 import ecology
 from ecology import Need, scenarios, senses
+from ecology.scenarios.paper import ARENA, PLACES, WALK_UP_TO
 
 
 def look(position, heading=0.0, name="paper", **settings):

@@ -5,11 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from ecology.agents import checkpoint
-from ecology.scenarios import _reproduce, _survival, cli
-from ecology.scenarios._reproduce import Ledger
 
 from ecology import Ecology, scenarios
+from ecology.agents import checkpoint
+from ecology.lab import cli
+from ecology.lab.certificate import case as _reproduce
+from ecology.lab.certificate import crowds as _survival
+from ecology.lab.certificate.case import Ledger
 
 
 def test_a_life_is_that_of_a_run(tmp_path):

@@ -16,10 +16,11 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from ecology.scenarios import _run, _sweep
-from ecology.scenarios.cli import main
 
 from ecology import EcologyError
+from ecology.lab.cli import main
+from ecology.lab.runs import run as _run
+from ecology.lab.runs import sweep as _sweep
 
 WORLD = """
 import os, pathlib, signal, sys
@@ -27,7 +28,7 @@ from ecology import Arena, EcologyError, Need, Resource, Scenario, Species, cons
 
 def build(decay=0.01, kills=0, orphaned=0, refuses=False, pairs=(1, 2), ticks=60):
     here = pathlib.Path(__file__).parent
-    if "ecology.scenarios._sweep" in sys.orig_argv:  # in the process of a run, not in the sweep's own
+    if "ecology.lab.runs.sweep" in sys.orig_argv:  # in the process of a run, not in the sweep's own
         folder = pathlib.Path(sys.orig_argv[-1])
         with open(here / "attempts", "a") as file:
             file.write(f"{folder.name}\\n")
@@ -346,7 +347,7 @@ def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, s
     """Ctrl-C stops the runs, keeps what is finished and its table; where the sweep is killed, its runs stop too."""
     out = tmp_path / "out"
     process = subprocess.Popen(
-        [sys.executable, "-m", "ecology.scenarios.cli", "sweep", "world.py", "--out", str(out), "--seeds", "0:3",
+        [sys.executable, "-m", "ecology.lab.cli", "sweep", "world.py", "--out", str(out), "--seeds", "0:3",
          "--set", "ticks=60,3000000", "--workers", "2"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -398,7 +399,7 @@ def test_a_sweep_lives_on_ray(sweep: Sweep) -> None:
     """On a Ray cluster the same runs come to the same, and a worker that is killed is replaced."""
     pytest.importorskip("ray", reason="the extra ray is not installed")
     words = ("--seeds", "5", "--set", "kills=0,1", "--set", "orphaned=0,1")
-    command = [sys.executable, "-m", "ecology.scenarios.cli", "sweep", "world.py", *words]
+    command = [sys.executable, "-m", "ecology.lab.cli", "sweep", "world.py", *words]
     done = subprocess.run([*command, "--out", "out", "--ray", "local"], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     on_ray, usual = rows(), attempts().count("kills=0_orphaned=0_seed=5")

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
+
 from ecology.agents import device as devices
 from ecology.agents.torch_device import Torch
-from ecology.scenarios import _updates
+from ecology.lab.bench import updates as _updates
 
 
 @pytest.fixture(autouse=True)

@@ -24,10 +24,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 import typer.core
-from ecology.scenarios import _compiling, _faults, _run
-from ecology.scenarios._plan import read_config, resolve
-from ecology.scenarios._run import Run, StoppedError, Tally
-from ecology.scenarios._values import read_value
 from numba.core import event
 from rich.console import Console
 from rich.markup import escape
@@ -35,7 +31,13 @@ from rich.table import Table
 
 import ecology
 from ecology import Ecology, EcologyError, Scenario, State, Tick, agents, scenarios
+from ecology import faults as _faults
 from ecology.errors import check_writable, describe_refusal, is_from_system, nearest, writable
+from ecology.lab import compiling as _compiling
+from ecology.lab.runs import run as _run
+from ecology.lab.runs.run import Run, StoppedError, Tally
+from ecology.lab.runs.run_config import read_config, resolve
+from ecology.lab.values import read_value
 from ecology.observers.base import Mind, Observer
 from ecology.observers.wishes import Wishes
 
@@ -582,7 +584,7 @@ def fork(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
-    from ecology.scenarios import _fork
+    from ecology.lab.runs import fork as _fork
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(_run.held(run))
@@ -660,7 +662,7 @@ def sweep(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
-    from ecology.scenarios import _sweep
+    from ecology.lab.runs import sweep as _sweep
 
     settings: dict[str, list[Any]] = _pairs("--set", set_, _sweep.values_of, several=True)
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
@@ -791,7 +793,7 @@ def bench(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Measure agent-steps per second against the number of agents, beside other worlds; write a table and a figure."""
-    from ecology.scenarios import _bench
+    from ecology.lab.bench import speed as _bench
 
     try:
         counts = sorted({int(word) for word in agents_.split(",")})
@@ -864,7 +866,6 @@ def evaluate(
         _run.check_evaluation(where, words)
     it.restore()
     from ecology.agents import evaluation, figures  # slow to load
-
     from ecology.observers import recorder
 
     metrics = run / _run.METRICS
@@ -1001,7 +1002,7 @@ class _Reproduce(typer.core.TyperCommand):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help, and below it the names."""
-        from ecology.scenarios import _reproduce
+        from ecology.lab.certificate import case as _reproduce
 
         lines = [f"{case.name}: {case.about}" for case in _reproduce.cases().values()]
         self.epilog = "\n\n".join(["The results, by NAME:", *map(escape, lines)])
@@ -1032,7 +1033,7 @@ def reproduce(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
-    from ecology.scenarios import _reproduce  # slow to load
+    from ecology.lab.certificate import case as _reproduce  # slow to load
 
     cases = _reproduce.chosen(names or ())
     minds = bool(names) and "minds" in [case.name for case in cases]
@@ -1051,7 +1052,8 @@ def _measure_minds(
     out: Path, seeds: str, ticks: int | None, life: int | None, settings: Mapping[str, Any], workers: int, quiet: bool
 ) -> None:
     """Train and measure many seeds of `paper`, each in a process, and print what must hold beside what was found."""
-    from ecology.scenarios import _minds, _sweep
+    from ecology.lab.certificate import minds as _minds
+    from ecology.lab.runs import sweep as _sweep
 
     jobs = _minds.jobs(out, _sweep.seeds_of(seeds), ticks or _minds.TRAINED, life or _minds.LIFE, settings)
     waiting = [job for job in jobs if not _minds.is_done(job.folder, job.life)]
@@ -1093,7 +1095,7 @@ def _measure_minds(
 
 def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
     """Do the parts of cases that are not done, and write and print their rows."""
-    from ecology.scenarios import _reproduce
+    from ecology.lab.certificate import case as _reproduce
 
     ledger, console = _reproduce.Ledger(out), Console(stderr=True, quiet=quiet)
     work = [(case, part) for case in cases for part in _reproduce.left(case, ledger)]
@@ -1225,7 +1227,3 @@ def film(
         films.film(scenario, frames, target, fps=fps, tell=tell)
     if not quiet:
         print(f"written: {target}, ticks {frames[0].tick} to {frames[-1].tick}, {len(frames)} frames")
-
-
-if __name__ == "__main__":
-    main()

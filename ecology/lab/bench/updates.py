@@ -1,4 +1,4 @@
-"""What an update of `algorithm1` costs, for all agents at once: `python -m ecology.scenarios._updates --device cpu`.
+"""What an update of `algorithm1` costs, for all agents at once: `python -m ecology.lab.bench.updates --device cpu`.
 
 Each update is one of both networks of every agent, in the world of `paper`. Beside it stand the same by the plain
 loop of torch modules, and the floor: a bare pass over the weights that move and their two moments.
@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from ecology.agents import device as devices
-from ecology.agents import kernels
-from ecology.scenarios._bench import PLAIN, plain_agents
 from threadpoolctl import threadpool_limits
 
 from ecology import Ecology, EcologyError, agents, scenarios
+from ecology.agents import device as devices
+from ecology.agents import kernels
+from ecology.lab.bench.speed import PLAIN, plain_agents
 
 AGENTS, WIDTHS = "1,10,100,1000", "32,64,128"
 PLAINLY = 20  # agents of the plain loop at most; the time of the others is in proportion

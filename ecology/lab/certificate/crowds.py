@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ecology.scenarios._plan import resolve
-from ecology.scenarios._run import Run
 
 from ecology import Ecology, State, Tick, scenarios
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import resolve
 from ecology.observers.base import Mind
 
 TICKS = 5_000

@@ -15,16 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ecology.agents import loop
-from ecology.scenarios import _episodes, _survival, food_share, grid_rooms, trap
-from ecology.scenarios._empathy import CONDITIONS
-from ecology.scenarios._plan import world_digest
-from ecology.scenarios._run import replace_text
 from scipy import stats
 
 import ecology
 from ecology import Ecology, EcologyError, Need, Scenario, Species, agents, physiology, rest, scenarios
+from ecology.agents import loop
 from ecology.errors import nearest
+from ecology.lab.certificate import crowds as _survival
+from ecology.lab.certificate import episodes as _episodes
+from ecology.lab.runs.run import replace_text
+from ecology.lab.runs.run_config import world_digest
+from ecology.scenarios import food_share, grid_rooms, trap
+from ecology.scenarios.shared.conditions import CONDITIONS
 from ecology.state import Ints
 
 CONFIDENCE = 0.95  # of every interval
@@ -618,7 +620,7 @@ def _empathic_case(e: Empathic, about: str) -> Case:
 
 def cases() -> dict[str, Case]:
     """Return all cases by name."""
-    from ecology.scenarios import _fear  # it is made of Case, Part and Row
+    from ecology.lab.certificate import predation as _fear  # it is made of Case, Part and Row
 
     food, grid, traps = EMPATHIC
     listed = (

@@ -13,14 +13,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from ecology.agents import loop
-from ecology.agents.base import Learner
-from ecology.scenarios._plan import world_digest
-from ecology.scenarios._reproduce import Case, Part, Row
-from ecology.scenarios.predator_prey import HUNT_SIGHT
 
 from ecology import Ecology, Group, State, Tick, agents, scenarios
+from ecology.agents import loop
+from ecology.agents.base import Learner
+from ecology.lab.certificate.case import Case, Part, Row
+from ecology.lab.runs.run_config import world_digest
 from ecology.observers.base import Mind, Observer
+from ecology.scenarios.predator_prey import HUNT_SIGHT
 
 TURNS = 0.1  # probability per tick that a scripted agent turns while it sees nothing to go to
 STARVES = -0.8  # deviation of energy below which scripted prey eat although a predator is near, units

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError, Learner
-from ecology.scenarios import _faults
-from ecology.scenarios._plan import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
+from ecology import faults as _faults
+from ecology.lab.runs.run_config import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
 
 from ecology import Ecology, EcologyError, Scenario, State, Tick, agents
 from ecology.errors import readable, writable

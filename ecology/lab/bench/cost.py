@@ -1,4 +1,4 @@
-"""What was learned against what it cost: `python -m ecology.scenarios._cost FOLDER ... --out cost.png`.
+"""What was learned against what it cost: `python -m ecology.lab.bench.cost FOLDER ... --out cost.png`.
 
 The folders are those of sweeps with --evaluate, of one scenario in which all agents are of one species.
 """
@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ecology.agents import evaluation
-from ecology.scenarios import cli
-from ecology.scenarios._sweep import DPI, LEARNED, TABLE
 
 from ecology import Ecology, scenarios
+from ecology.agents import evaluation
+from ecology.lab import cli
+from ecology.lab.runs.sweep import DPI, LEARNED, TABLE
 from ecology.observers.colours import PALETTE
 
 

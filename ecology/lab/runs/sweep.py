@@ -1,6 +1,6 @@
 """A sweep: one scenario lived under many settings, learners and seeds, and what they come to together.
 
-Every run is a folder and a process of its own, started as `python -m ecology.scenarios._sweep FOLDER` with a
+Every run is a folder and a process of its own, started as `python -m ecology.lab.runs.sweep FOLDER` with a
 pipe for its standard input: where the pipe closes, because the sweep stops or has died, the run stops
 after the present tick and can be gone on with.
 """
@@ -30,9 +30,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from ecology.scenarios._plan import CONFIG, Plan, read_config, resolve
-from ecology.scenarios._run import SUMMARY, StoppedError, held, opened, replace_text, write_json
-from ecology.scenarios._values import as_key, read_value, split_values
+from ecology.lab.runs.run_config import CONFIG, Plan, read_config, resolve
+from ecology.lab.runs.run import SUMMARY, StoppedError, held, opened, replace_text, write_json
+from ecology.lab.values import as_key, read_value, split_values
 
 from ecology import EcologyError
 from ecology.errors import nearest, readable, writable
@@ -330,7 +330,7 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
 
 def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
     """Live a run in a process of one thread; return its exit code and its last line of error."""
-    return in_process(["ecology.scenarios._sweep", *(["--evaluate"] if cell.evaluate else []), str(cell.folder)], stop)
+    return in_process(["ecology.lab.runs.sweep", *(["--evaluate"] if cell.evaluate else []), str(cell.folder)], stop)
 
 
 def in_process(words: Sequence[str], stop: threading.Event) -> tuple[int, str]:
@@ -514,7 +514,7 @@ def stop_with_parent() -> None:
 
 def _process() -> None:
     """Be the process of one run: live what is left of it, measure it; stop when standard input closes."""
-    from ecology.scenarios import cli
+    from ecology.lab import cli
 
     stop_with_parent()
     folder = Path(sys.argv[-1])
@@ -537,7 +537,7 @@ def _process() -> None:
 def measure(folder: Path) -> None:
     """Add to the summary of a run what the learner of its first species has learned."""
     from ecology.agents import evaluation  # slow to load
-    from ecology.scenarios import cli
+    from ecology.lab import cli
 
     run = opened(folder, device="cpu")
     run.restore()

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from ecology.agents import checkpoint
-from ecology.scenarios import _faults
-from ecology.scenarios._plan import CONFIG, read_config, resolve
-from ecology.scenarios._run import CHECKPOINT, KEPT, Run
+from ecology import faults as _faults
+from ecology.lab.runs.run_config import CONFIG, read_config, resolve
+from ecology.lab.runs.run import CHECKPOINT, KEPT, Run
 
 from ecology import Ecology, EcologyError, Scenario
 from ecology.errors import nearest

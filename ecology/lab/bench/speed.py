@@ -1,7 +1,7 @@
 """A benchmark: agent-steps per second against the number of agents, of this world and of others, side by side.
 
-Every curve's point is a process of its own, started as `python -m ecology.scenarios._bench WHAT AGENTS` or, for other
-people's worlds, as `_elsewhere.py`. All are pinned to one core with one thread each, and take turns: in every round
+Every curve's point is a process of its own, started as `python -m ecology.lab.bench.speed WHAT AGENTS` or, for other
+people's worlds, as `other_worlds.py`. All are pinned to one core with one thread each, and take turns: in every round
 each is timed for a moment, after a loop that is always the same, so that a machine that changes its speed changes
 it for all. Time is the process's own, which other programs on the machine do not lengthen.
 """
@@ -22,19 +22,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ecology.agents.base import Transition
-from ecology.scenarios._elsewhere import DRAWN, MARK, MISSING, WORLDS, serve
-from ecology.scenarios._plan import versions
-from ecology.scenarios._sweep import DPI, write_table
 
 from ecology import Ecology, EcologyError, agents, parallel_env, scenarios
+from ecology.agents.base import Transition
 from ecology.errors import nearest, writable
+from ecology.lab.bench.other_worlds import DRAWN, MARK, MISSING, WORLDS, serve
+from ecology.lab.runs.run_config import versions
+from ecology.lab.runs.sweep import DPI, write_table
 
 TABLE, FIGURE = "bench.parquet", "bench.png"
 ARRAYS, DICTS = "arrays", "dicts"  # this world without learning, through either interface
 MODULES = "modules"  # algorithm1 with the updates of the plain loop
 BORDER = "-dicts"  # after a learner's name: it learns through the dicts, which are stacked for it
-PLAIN = Path(__file__).parent.parent / "tests" / "plain_learner.py"  # which is there in a clone only
+PLAIN = Path(__file__).parents[3] / "tests" / "plain_learner.py"  # which is there in a clone only
 # who learns if nobody is named
 LEARNERS = ("lean", "algorithm1", f"algorithm1{BORDER}") + (MODULES,) * PLAIN.exists()
 LEARNERS_UP_TO = 1_000  # agents
@@ -197,14 +197,14 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
     for name in against:
         if name not in WORLDS:
             raise EcologyError(f"there is no world {name!r} to compare with. {nearest(name, WORLDS)}")
-    here = (sys.executable, "-m", "ecology.scenarios._bench")
+    here = (sys.executable, "-m", "ecology.lab.bench.speed")
     for name in (ARRAYS, DICTS, *learners):
         most = max(counts)
         if name in learners:
             most = MODULES_UP_TO if name == MODULES else LEARNERS_UP_TO
         least = LEARNS if name in learners else LEAST
         found += [Point(name=name, agents=n, command=(*here, name, str(n)), least=least) for n in counts if n <= most]
-    script = str(Path(__file__).with_name("_elsewhere.py"))
+    script = str(Path(__file__).with_name("other_worlds.py"))
     for name, python in against.items():
         _, least, most = WORLDS[name]
         fitting = [n for n in counts if least <= n <= most] or [least]

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from ecology.agents.base import Learner, Transition
 
 from ecology import Ecology, EcologyError, agents, scenarios
+from ecology.agents.base import Learner, Transition
 from ecology.state import Bools, Floats, Ints
 
 TESTS = 5  # worlds in which PPO is measured

@@ -1,4 +1,4 @@
-"""Other people's worlds under random actions, to be timed by `ecology bench`: python _elsewhere.py WORLD AGENTS.
+"""Other people's worlds under random actions, to be timed by `ecology bench`: python other_worlds.py WORLD AGENTS.
 
 It is run as a file, in whatever Python has the library, and knows nothing of the rest of this project.
 """

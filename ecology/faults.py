@@ -6,14 +6,14 @@ project's. Scenarios and learners that ship are told in the same way.
 
 from __future__ import annotations
 
-import sys
 import sysconfig
 import traceback
 from pathlib import Path
 
-from ecology import EcologyError, scenarios
+from ecology.errors import EcologyError
 
-HOUSE = {str(Path(__file__).parents[1] / package) for package in ("ecology", "agents", "scenarios")}
+HOUSE = {str(Path(__file__).parent)}  # folders of the project; packages built on this one add theirs
+SHIPPED: set[str] = set()  # files within them that are reported like a user's own: scenarios and learners
 LIBRARIES = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
 FOREIGN = {"site-packages", "dist-packages"}  # folders of libraries, wherever they lie
 
@@ -57,11 +57,8 @@ def _words(error: BaseException) -> str:
 
 def _is_own(file: str) -> bool:
     """Return whether `file` is a scenario, a learner, or neither of the project nor of a library."""
+    if file in SHIPPED:
+        return True
     path = Path(file)
-    if path.parent == scenarios.HERE and path.stem in scenarios.names():
-        return True
-    learners = getattr(sys.modules.get("ecology.agents"), "LEARNERS", {})  # not loaded: nobody acts
-    if any(getattr(sys.modules.get(module), "__file__", None) == file for module, *_ in learners.values()):
-        return True
     above = set(map(str, path.parents))
     return not file.startswith("<") and not above & (HOUSE | LIBRARIES) and not FOREIGN & set(path.parts)

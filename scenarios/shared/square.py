@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from ecology.scenarios import paper, paper_reference
-
 from ecology import EcologyError, Scenario
+from ecology.scenarios import paper, paper_reference
 
 START = (2.0, 2.0)
 

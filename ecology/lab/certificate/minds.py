@@ -25,15 +25,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ecology.agents import evaluation
-from ecology.agents.base import Learner
-from ecology.scenarios import _fork, _survival, _sweep
-from ecology.scenarios._plan import CONFIG, resolve, words_of, world_digest
-from ecology.scenarios._run import Run, StoppedError, held, opened, replace_text, write_json
 
 import ecology
 from ecology import EcologyError, Scenario, State, Tick, agents
+from ecology.agents import evaluation
+from ecology.agents.base import Learner
 from ecology.errors import writable
+from ecology.lab.certificate import crowds as _survival
+from ecology.lab.runs import fork as _fork
+from ecology.lab.runs import sweep as _sweep
+from ecology.lab.runs.run import Run, StoppedError, held, opened, replace_text, write_json
+from ecology.lab.runs.run_config import CONFIG, resolve, words_of, world_digest
 from ecology.observers.base import Mind, Observer
 
 WORLD, TRAINED = "paper", 60_000  # ticks of training
@@ -387,7 +389,7 @@ def jobs(out: Path, seeds: Sequence[int], ticks: int, life: int, settings: Mappi
 def work(job: Job, stop: threading.Event) -> tuple[Job, str]:
     """Measure a seed in a process of its own; return what went wrong in words, if anything."""
     words = json.dumps([job.seed, job.ticks, job.settings, job.life])
-    code, said = _sweep.in_process(["ecology.scenarios._minds", words, str(job.folder)], stop)
+    code, said = _sweep.in_process(["ecology.lab.certificate.minds", words, str(job.folder)], stop)
     return job, "" if is_done(job.folder, job.life) else said or f"it ended with exit code {code}"
 
 

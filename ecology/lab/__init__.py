@@ -1,0 +1,1 @@
+"""What a user runs: commands, runs, sweeps, the certificate and benchmarks."""

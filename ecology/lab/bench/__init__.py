@@ -1,0 +1,1 @@
+"""Benchmarks: the speed of the world and the cost of learners."""

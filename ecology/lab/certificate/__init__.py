@@ -1,0 +1,1 @@
+"""The certificate: published results reproduced and compared."""

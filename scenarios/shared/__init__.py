@@ -1,0 +1,1 @@
+"""Parts that several scenarios share; no scenarios themselves."""
