@@ -1,8 +1,9 @@
 """A world of self-regulated agents: continuous homeostatic reinforcement learning for many."""
 
-from ecology.env import Ecology, Group, Tick, parallel_env
+from ecology.env import Ecology, parallel_env
 from ecology.errors import EcologyError
 from ecology.meetings import Outcome, World
+from ecology.model import Group
 from ecology.scenario import Scenario
 from ecology.single import GymEnv, gym_env
 from ecology.spec import (
@@ -32,6 +33,7 @@ from ecology.spec import (
     turn,
 )
 from ecology.state import State
+from ecology.world import Tick
 
 __all__ = [
     "Action",

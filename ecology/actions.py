@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology.kernels import open_actions
+from ecology import kernels
+from ecology.errors import EcologyError
 from ecology.spec import Resource, Species
-from ecology.state import Bools, Floats, Ints
+from ecology.state import Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.model import Model
+    from ecology.senses import Perception
 
 
 @dataclass(frozen=True)
@@ -105,25 +111,65 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], everyone:
     )
 
 
-def action_mask(
-    table: ActionTable,
-    internal: Floats,
-    alive: Bools,
-    hold: Floats,
-    action: Ints,
-    bound_for: Ints,
-    here: Ints,
-    toward: Ints,
-    targets: Ints,
-) -> Bools:
-    """Return A_zeta, which actions are open, (n, A) for the n slots of one species.
+class Deeds(NamedTuple):
+    """What bodies do in a tick, an open action each."""
 
-    Thresholds of the body close actions; consume is open where there is a patch `here` (n, K) of its
-    resource, go_to where one leads `toward` (n, K) another, bite and give where there is a target
-    (n, A), all -1 without; an action that still immobilises is the only one open. A dead slot has no
-    open action.
+    control: Floats  # (N, V) u, per unit of time; stages that follow write into it
+    speed: Floats  # (N,)
+    direction: Floats  # (N,) radians
+    closed: Bools  # (N,) agents whose action was closed and was replaced
+
+
+def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) -> Deeds:
+    """Return what each body does of the `actions` (N,) that were chosen; closed ones are replaced."""
+    chosen = checked_actions(model, state, actions)
+    n = model.size
+    control = np.empty_like(state.internal)
+    speed, direction, way, closed = np.empty(n), np.empty(n), np.empty((n, 2)), np.empty(n, bool)
+    state.own("heading", "action", "hold", "bound_for")
+    going = 0
+    for group, table in model.acting:
+        going += kernels.decide(
+            chosen, seen.masks[group.name], group.slots.start, model.dt, state.alive, state.hold, state.action,
+            state.heading, state.bound_for, state.position, state.resource_position, seen.toward,
+            model.plane.size, model.plane.torus, table.control, table.speed, table.turn, table.direction,
+            table.goes_to, table.duration, table.bites, table.rest, control, speed, direction, closed, way,
+        )  # fmt: skip
+    if going:
+        rows = np.flatnonzero(state.bound_for >= 0)
+        state.heading[rows] = direction[rows] = np.arctan2(way[rows, 1], way[rows, 0])
+    state.closed = state.closed + closed
+    return Deeds(control, speed, direction, closed)
+
+
+def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
+    """Return the `actions` (N,), 0 in dead slots, or raise EcologyError for an unknown one."""
+    if actions.shape != (model.size,) or actions.dtype.kind not in "iu":
+        raise EcologyError(
+            f"actions must be {model.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
+        )
+    found = np.where(state.alive, actions, 0).astype(np.int64)
+    bad = kernels.first_unknown(found, model.choices)
+    if bad >= 0:
+        raise EcologyError(
+            f"the action of {model.name_of(bad, state.serial)} must be a whole number from 0 to "
+            f"{model.choices[bad] - 1}, got {int(actions[bad])}."
+        )
+    return found
+
+
+def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: dict[str, Ints]) -> dict[str, Bools]:
+    """Return A_zeta by species, which actions are open, (n, A).
+
+    Thresholds of the body close actions; consume is open where there is a patch `here` (N, K) of its resource, go_to
+    where one leads `toward` (N, K) another, bite and give where there is a target (n, A), all -1 without; an action
+    that still immobilises is the only one open. A dead slot has no open action.
     """
-    return open_actions(
-        internal, alive, hold, action, bound_for, here, toward, targets, table.opens_from, table.closes_at,
-        table.consumes, table.goes_to, table.meets, table.rest, table.committed,
-    )  # fmt: skip
+    return {
+        group.name: kernels.open_actions(
+            state.internal[group.slots], state.alive[group.slots], state.hold[group.slots], state.action[group.slots],
+            state.bound_for[group.slots], here[group.slots], toward[group.slots], targets[group.name],
+            table.opens_from, table.closes_at, table.consumes, table.goes_to, table.meets, table.rest, table.committed,
+        )
+        for group, table in model.acting
+    }  # fmt: skip

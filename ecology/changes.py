@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from ecology.errors import EcologyError, nearest
-from ecology.physiology import Body
-from ecology.plane import Plane
-from ecology.resources import ResourceTable
+from ecology.model import Model
 from ecology.scenario import Scenario
 from ecology.senses import wrap
 from ecology.spec import require
-from ecology.state import CAUSES, Bools, Floats, Ints, State
+from ecology.state import CAUSES, Bools, Floats, State
 
 ROUNDING = 1e-9  # share of a capacity by which a stock that has grown to it may exceed it
 WHAT = {"b": "True or False", "i": "whole numbers", "f": "numbers"}
@@ -63,16 +61,9 @@ def rename(changed: dict[str, np.ndarray], state: State, scenario: Scenario) -> 
             changed[name] = np.where(alive, -1, getattr(state, name))
 
 
-def check(
-    changed: dict[str, np.ndarray],
-    state: State,
-    scenario: Scenario,
-    plane: Plane,
-    body: Body,
-    table: ResourceTable,
-    choices: Ints,
-) -> None:
+def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     """Raise EcologyError where `changed` would make of `state` what no world can come to; headings are wrapped."""
+    scenario, body, table, plane, choices = model.scenario, model.body, model.resources, model.plane, model.choices
     alive = changed.get("alive", state.alive)
     slots, patches = len(alive), len(table.stock)
     names = max(state.next_serial, int(changed.get("serial", state.serial).max(initial=-1)) + 1)

@@ -20,13 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from ecology.env import Ecology, Tick
+from ecology.env import Ecology
 from ecology.errors import EcologyError
 from ecology.kernels import inside_polygon, stays
 from ecology.plane import corners_of
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints, State
+from ecology.world import Tick
 
 ROUNDING = 1e-9  # by which an account may miss in a tick, units of the variable or 1e-9 of what went through
 HANDED_OUT = 20  # ticks whose arrays are kept and looked at again
@@ -112,7 +113,7 @@ def observations_lie_in_their_space(scenario: Scenario, ticks: int) -> None:
         for name, seen in observations.items():
             zeta, space = seen["observation"], env.observation_space(name)
             if not (np.isfinite(zeta).all() and space.contains(seen)):
-                layout, box = env.groups[env._species(name)].layout, space["observation"]
+                layout, box = env.groups[env.species_of(name)].layout, space["observation"]
                 bad = np.flatnonzero(~(np.isfinite(zeta) & (zeta >= box.low) & (zeta <= box.high)))  # type: ignore[attr-defined]
                 what = {layout.names[i]: float(zeta[i]) for i in bad.tolist()} or seen
                 require(False, f"tick {t}: {name} perceives {what}, outside its observation space {box}.")
@@ -359,7 +360,7 @@ def account_closes(env: Ecology, first: State) -> None:
     off = np.abs(held - now.internal) > ROUNDING * np.maximum(1.0, through)
     if off.any():
         slot, need = (int(i) for i in np.argwhere(off)[0])
-        species = scenario.species[env._species_of[slot]]
+        species = scenario.species[env.world.model.species_of[slot]]
         name = species.needs[need].name if need < len(species.needs) else f"padding {need}"
         require(
             False,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ecology.physiology import Body
 from ecology.plane import Plane
 from ecology.spec import Empathy, Species
 from ecology.state import Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.model import Model
 
 
 @dataclass(frozen=True)
@@ -156,3 +160,36 @@ def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats
     total = weight @ has
     mean = np.divide(weight @ theirs, total, out=delta[rows].copy(), where=total > 0)
     return (1.0 - coupling.own) * mean
+
+
+def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints) -> None:
+    """Set the drive of every agent, its own and what it feels of others.
+
+    `order` (N,) of all slots serves the shuffled lesion. The dead feel what they felt last: to die is no relief.
+    """
+    body, last = model.body, (state.drive, state.felt)
+    delta = physiology.deviation(body, state.internal)
+    state.own_drive = state.drive = physiology.drive(delta, body.epsilon, 1.0 if body.straight else body.exponent)
+    if not model.couplings:
+        return
+    state.own("felt", "drive")
+    for coupling in model.couplings:
+        rows = coupling.rows
+        felt = feel(coupling, weigh(model, state, coupling, pairs, order), state, body)
+        state.felt[rows] = felt
+        if coupling.empathy.form == "sum":
+            state.drive[rows] = state.own_drive[rows] + felt[:, 0]
+        else:
+            state.drive[rows] = physiology.drive(
+                coupling.own * delta[rows] + felt, body.epsilon[rows], body.exponent[rows]
+            )
+    state.drive = np.where(state.alive, state.drive, last[0])
+    state.felt = np.where(state.alive[:, None], state.felt, last[1])
+
+
+def weigh(model: Model, state: State, coupling: Coupling, pairs: Pairs | None, order: Ints) -> Floats:
+    """Return whom the agents of one species feel now and how much, (n, m)."""
+    seen = None
+    if coupling.empathy.sight and pairs is not None:
+        seen = model.eyes.sees_others(pairs, state.position, state.heading, model.looks)
+    return matrix(coupling, state, model.plane, pairs, seen, order)

@@ -9,10 +9,12 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from ecology.env import Ecology, Group, Tick, _float32_below
+from ecology.env import Ecology, _float32_below
 from ecology.errors import EcologyError, nearest
+from ecology.model import Group
 from ecology.spec import require
 from ecology.state import Floats, Ints
+from ecology.world import Tick
 
 
 class FixedSlots(ParallelEnv):

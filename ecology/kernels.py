@@ -341,7 +341,7 @@ def open_actions(
     rest: int,
     committed: bool,
 ) -> Bools:
-    """Return A_zeta, which actions are open, (n, A) for the n slots of one species; see `actions.action_mask`."""
+    """Return A_zeta, which actions are open, (n, A) for the n slots of one species; see `actions.open_actions`."""
     n, count, needs = len(internal), len(consumes), internal.shape[1]
     mask = np.zeros((n, count), np.bool_)
     for i in range(n):

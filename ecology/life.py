@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ecology import physiology
 from ecology.kernels import inside_polygon, stays
 from ecology.plane import plane_of
+from ecology.senses import wrap
 from ecology.spec import Arena, Birth, Hazard, Species, require
-from ecology.state import Bools, Floats, Ints
+from ecology.state import CAUSES, Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.meetings import Met
+    from ecology.model import Model
 
 ROUNDS = 1_000  # of at least 18 points at random, none of them inside, after which an arena is too thin
 AROUND = 8  # directions in which a parent looks for room for its newborn
@@ -68,6 +74,66 @@ def scatter_in(room: Any, count: int, rng: np.random.Generator, where: str) -> F
 # ---- births ----------------------------------------------------------------------------------
 
 
+def reproduce(model: Model, state: State, free: Bools, rng: np.random.Generator) -> tuple[Bools, Ints]:
+    """Let newborns take `free` slots (N,); return which slots were born (N,) and the slot of each one's parent (N,)."""
+    born, parent = np.zeros(model.size, bool), model.nobody.copy()
+    for group, species in model.species:
+        if not species.grows:
+            continue
+        slots = group.slots.start + np.flatnonzero(free[group.slots])
+        parents = _give_birth(model, state, group.name, species, len(slots), rng)
+        arriving = (
+            min(int(rng.poisson(species.arrival * model.dt)), len(slots) - len(parents)) if species.arrival else 0
+        )
+        position, heading = place(model.scenario.arena, species, arriving, rng)
+        if parents.size:
+            near = beside(model.scenario.arena, model.walls, state.position[parents], species.radius, rng)
+            position = np.concatenate([near, position])
+            heading = np.concatenate([rng.uniform(-np.pi, np.pi, len(parents)), heading])
+        new = slots[: len(position)]
+        if not new.size:
+            continue
+        start_lives(model, state, new, position, heading)
+        parent[new[: len(parents)]] = parents
+        state.parent[new[: len(parents)]] = state.serial[parents]
+        born[new] = True
+    return born, parent
+
+
+def _give_birth(model: Model, state: State, name: str, species: Species, free: int, rng: np.random.Generator) -> Ints:
+    """Return the slots of the agents of `species` that reproduce, at most `free`, and charge them for it."""
+    rows, needs, birth = model.groups[name].slots, model.needs[name], species.birth
+    if birth is None:
+        return np.empty(0, np.int64)
+    able = fit(birth, needs, state.internal[rows], state.age[rows], state.alive[rows])
+    parents: Ints = rows.start + bearers(birth, able, free, model.dt, rng)
+    if parents.size:
+        state.own("given")
+    for need, cost in birth.cost.items():
+        state.internal[parents, needs.index(need)] -= cost
+        state.given[parents, needs.index(need)] += cost
+    return parents
+
+
+def start_lives(model: Model, state: State, new: Ints, position: Floats, heading: Floats) -> None:
+    """Start lives in the slots `new` (k,), at `position` (k, 2); what was left of the dead there is lost."""
+    state.own(
+        "serial", "parent", "cause", "fatal_need", "killer", "age", "alive", "action", "bound_for", "position",
+        "heading", "received",
+    )  # fmt: skip
+    start = model.body.start[new]
+    state.lost[new] += state.internal[new]
+    state.received[new] += start
+    state.internal[new] = start
+    state.serial[new] = state.next_serial + np.arange(len(new))
+    state.next_serial += len(new)
+    state.alive[new], state.age[new], state.cause[new], state.parent[new] = True, 0.0, 0, -1
+    state.fatal_need[new], state.killer[new] = -1, -1
+    state.position[new], state.heading[new] = position, wrap(heading)
+    state.hold[new], state.bound_for[new] = 0.0, -1
+    state.action[new] = model.tables[int(model.species_of[new[0]])].rest
+
+
 def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, alive: Bools) -> Bools:
     """Return who can bear: alive, mature and with every need at its threshold, (n,) for internal (n, V)."""
     able: Bools = alive & (age >= birth.maturity)
@@ -111,6 +177,39 @@ def _room(walls: Floats, points: Floats) -> Floats:
 
 
 # ---- deaths ----------------------------------------------------------------------------------
+
+
+def die(model: Model, state: State, internal: Floats, met: Met, rng: np.random.Generator) -> tuple[Bools, Ints]:
+    """Return which agents die in this tick and the slot of the agent that killed each, -1 without, both (N,).
+
+    The cause is noted. An agent was bitten to death if it would have lived without the wound.
+    """
+    body, killer = model.body, model.nobody
+    died = np.zeros(model.size, bool)
+    if not model.mortal:
+        return died, killer
+    of_need = physiology.fatal(body, internal) if body.deadly else died
+    bitten = died
+    if met.wound is not None and of_need.any():
+        bitten = of_need & (met.biter >= 0) & ~physiology.fatal(body, internal + met.wound)
+    failed = np.zeros(model.size, bool)
+    for group, species in model.species:
+        if species.hazard is not None:
+            failed[group.slots] = fails(species.hazard, state.age[group.slots], model.dt, rng)
+    for cause, who in (
+        ("eaten", met.killed), ("rule", met.ruled), ("bitten", bitten), ("need", of_need), ("hazard", failed)
+    ):  # fmt: skip
+        new = who & state.alive & ~died
+        if not new.any():
+            continue
+        state.cause = np.where(new, CAUSES.index(cause), state.cause)
+        if cause in ("bitten", "need"):
+            state.fatal_need = np.where(new, physiology.first_fatal(body, internal), state.fatal_need)
+        if cause in ("eaten", "bitten"):
+            killer = np.where(new, met.biter, killer)
+            state.killer = np.where(new, state.serial[met.biter], state.killer)
+        died = died | new
+    return died, killer
 
 
 def fails(hazard: Hazard, age: Floats, dt: float, rng: np.random.Generator) -> Bools:

@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ecology import kernels
 from ecology.errors import EcologyError, nearest
 from ecology.kernels import inside_polygon
+from ecology.neighbours import Pairs
 from ecology.spec import Arena
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
+    from ecology.actions import ActionTable
+    from ecology.model import Model
     from ecology.scenario import Scenario
+    from ecology.senses import Perception
 
 
 @dataclass
@@ -130,6 +135,137 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
                 "the arena; world.inside(position) says which places are within."
             )
     return outcome
+
+
+# ---- what a tick changes -------------------------------------------------------------------
+
+
+@dataclass
+class Met:
+    """What meetings came to in a tick."""
+
+    received: Floats  # (N, V)
+    given: Floats  # (N, V)
+    killed: Bools  # (N,) bitten to death
+    ruled: Bools  # (N,) killed by the scenario's rule
+    biter: Ints  # (N,) slot of the agent that bit each, -1 without
+    wound: Floats | None = None  # (N, V) what bites took; None: nothing
+
+
+def meet(model: Model, state: State, seen: Perception, control: Floats, rng: Mapping[str, np.random.Generator]) -> Met:
+    """Let bodies bite, give and crowd, and apply the scenario's rule; crowding is added to the control u (N, V)."""
+    n = model.size
+    met = Met(
+        received=np.zeros(control.shape),
+        given=np.zeros(control.shape),
+        killed=np.zeros(n, bool),
+        ruled=np.zeros(n, bool),
+        biter=model.nobody,
+    )
+    if not model.meets and model.scenario.rule is None:
+        return met
+    if model.meets:
+        _bite_and_give(model, state, seen, met, rng["meeting"])
+        _crowd(model, seen.pairs, control)
+    if model.scenario.rule is not None:
+        _apply_rule(model, state, met, rng["rule"])
+    state.received, state.given = state.received + met.received, state.given + met.given
+    return met
+
+
+def _bite_and_give(model: Model, state: State, seen: Perception, met: Met, rng: np.random.Generator) -> None:
+    """Write what bites and gifts come to into `met` and the state."""
+    state.bit, state.gave = model.nobody.copy(), model.nobody.copy()
+    attackers, victims, chance = [], [], []
+    for group, table in model.acting:
+        rows = group.slots
+        action = state.action[rows]
+        target = seen.targets[group.name][np.arange(group.size), action]
+        meets = (target >= 0) & (table.meets[action] >= 0) & state.alive[rows]
+        bites = np.flatnonzero(meets & table.bites[action] & (state.hold[rows] <= 0))
+        attackers.append(rows.start + bites)
+        victims.append(target[bites])
+        chance.append(table.chance[action[bites]])
+        gives = np.flatnonzero(meets & ~table.bites[action])
+        if gives.size:
+            act, giver, to = action[gives], rows.start + gives, target[gives]
+            gift = gifts(table.gives[act] * model.dt, state.internal[giver] - model.body.low[giver])
+            met.given[giver] += gift
+            np.add.at(met.received, to, np.einsum("kv,kvw->kw", gift, table.arrives[act]))
+            state.gave[giver] = to
+    attacker, victim = np.concatenate(attackers), np.concatenate(victims)
+    if attacker.size:
+        won = succeed(attacker, victim, np.concatenate(chance), model.dt, model.size, rng)
+        if won.any():
+            _wound(model, state, attacker[won], victim[won], met)
+
+
+def _wound(model: Model, state: State, attacker: Ints, victim: Ints, met: Met) -> None:
+    """Write what successful bites (k,) come to into `met` and the state."""
+    biter, wound = model.nobody.copy(), np.zeros(met.given.shape)
+    biter[victim] = attacker
+    state.bit[attacker] = victim
+    for group, table in model.acting:
+        mine = (attacker >= group.slots.start) & (attacker < group.slots.stop)
+        own, bitten = attacker[mine], victim[mine]
+        act = state.action[own]
+        state.hold[own] = table.duration[act]
+        met.received[own] += table.gain[act]
+        kills = np.isnan(table.damage[act]).any(axis=1)
+        met.killed[bitten[kills]] = True
+        wound[bitten[~kills]] = table.damage[act[~kills]]
+    met.given += wound
+    met.biter, met.wound = biter, wound
+
+
+def _crowd(model: Model, pairs: Pairs | None, control: Floats) -> None:
+    """Add to u (N, V) what the others near a body do to it."""
+    for group, species in model.species:
+        crowding = species.crowding
+        if crowding is None or pairs is None:
+            continue
+        counts = pairs.distance <= crowding.within
+        if crowding.species:
+            meant = [s.name in crowding.species for s in model.scenario.species]
+            counts &= np.array(meant)[model.species_of[pairs.other]]
+        close = pairs.who[counts] - group.slots.start
+        others = np.bincount(close[(close >= 0) & (close < group.size)], minlength=group.size)
+        for name, rate in crowding.control.items():
+            control[group.slots, model.needs[species.name].index(name)] += rate * others
+
+
+def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) -> None:
+    """Write what the scenario's own rule comes to into `met` and the state."""
+    rule, groups = model.scenario.rule, model.groups.values()
+    assert rule is not None
+    world = World(
+        state.readonly(), model.dt, {g.name: g.slots for g in groups}, model.needs,
+        {g.name: g.actions for g in groups}, model.patches, model.scenario.arena,
+    )  # fmt: skip
+    outcome = checked(rule(world, rng), model.scenario, world)
+    living = state.alive[:, None]
+    met.received += np.where(living, outcome.received, 0.0)
+    met.given += np.where(living, outcome.given, 0.0)
+    met.ruled = outcome.killed & state.alive
+    if outcome.position is not None:
+        position = model.plane.home(np.asarray(outcome.position, float))
+        state.position = np.where(living, position, state.position)
+
+
+def aim(model: Model, state: State, pairs: Pairs | None) -> dict[str, Ints]:
+    """Return by species whom bites and gifts would meet, slots (n, A): the nearest in reach, no wall between; -1."""
+    return {group.name: _aim_of(model, state, pairs, group.slots, table) for group, table in model.acting}
+
+
+def _aim_of(model: Model, state: State, pairs: Pairs | None, rows: slice, table: ActionTable) -> Ints:
+    targets = np.full((rows.stop - rows.start, len(table.names)), -1)
+    for a in table.meeting:
+        assert pairs is not None
+        targets[:, a] = kernels.in_reach(
+            pairs.starts, pairs.other, pairs.distance, rows.start, len(targets), table.reach[a], table.meets[a],
+            model.species_of, state.position, model.eyes.wall_from, model.eyes.wall_along, model.eyes.open,
+        )  # fmt: skip
+    return targets
 
 
 def succeed(attackers: Ints, victims: Ints, chance: Floats, dt: float, slots: int, rng: np.random.Generator) -> Bools:

@@ -7,11 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ecology import kernels
 from ecology.spec import Species
-from ecology.state import Bools, Floats, Ints
+from ecology.state import Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.model import Model
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,19 @@ def advance(
     if body.noisy:
         after += noise(body, dt, rng)
     return after
+
+
+def commit(model: Model, state: State, internal: Floats, taken: Floats, died: Bools) -> None:
+    """Give the living the x (N, V) that they have come to, within its bounds, and keep the account of it.
+
+    `taken` (N, V) came from outside in the tick; agents that `died` (N,) keep what they had before it.
+    """
+    body = model.body
+    state.own("metabolised", "lost", "age", "hold")
+    state.internal, state.alive = kernels.live(
+        state.alive, died, state.internal, taken, internal, body.low, body.high,
+        state.metabolised, state.lost, state.age, state.hold, model.dt,
+    )  # fmt: skip
 
 
 def clamp(body: Body, internal: Floats) -> Floats:

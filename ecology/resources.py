@@ -6,9 +6,9 @@ Shapes: N slots, R resources, V needs, W walls. Amounts are in units of intake.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,11 @@ from ecology import kernels
 from ecology.life import scatter_in
 from ecology.plane import plane_of
 from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource, Species
-from ecology.state import Bools, Floats, Ints
+from ecology.state import Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.model import Model
+    from ecology.senses import Perception
 
 CRUMB = 1e-9  # share of a stock; who asks for all but a crumb gets the crumb too, so that it is empty
 MIRRORS = 8  # reflections in one tick, after which a drifting resource stays where it was
@@ -143,6 +147,24 @@ def room_of(resource: Resource, arena: Arena, everyone: Sequence[Species]) -> An
 # ---- eating --------------------------------------------------------------------------------
 
 
+def eat(model: Model, state: State, seen: Perception, control: Floats) -> tuple[Floats, Floats]:
+    """Return what bodies ingest (N, V) and what leaves the stocks (R,); write each one's share into u (N, V)."""
+    ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
+    wanted, total, source = np.zeros(control.shape), np.zeros(model.size), model.nobody.copy()
+    eaters = 0
+    for group, table in model.acting:
+        eaters += kernels.order_meals(
+            group.slots.start, group.size, model.dt, state.alive, state.action, seen.here, state.internal,
+            model.body.proportional, table.consumes, table.intake, control, wanted, total, source,
+        )  # fmt: skip
+    if eaters:
+        part, eaten = share(total, source, np.where(state.available, state.stock, 0.0))
+        kernels.serve(wanted, source, part, control, ingested)
+        state.ingested = state.ingested + ingested
+        state.eaten = state.eaten + eaten
+    return ingested, eaten
+
+
 def share(wanted: Floats, source: Ints, stock: Floats) -> tuple[Floats, Floats]:
     """Return the share of what it asks for that each body gets (n,), and what leaves each stock (R,).
 
@@ -150,6 +172,33 @@ def share(wanted: Floats, source: Ints, stock: Floats) -> tuple[Floats, Floats]:
     in proportion to what is asked and is empty afterwards, exactly.
     """
     return kernels.share(wanted, source, stock, CRUMB)
+
+
+# ---- what a tick changes -------------------------------------------------------------------
+
+
+def renew(model: Model, state: State, eaten: Floats, rng: Mapping[str, np.random.Generator]) -> None:
+    """Let stocks regrow, appear, vanish and move in a tick in which `eaten` (R,) was eaten."""
+    table, dt = model.resources, model.dt
+    if table.constant:
+        state.grown = state.eaten
+        return
+    emptied = np.isfinite(state.stock) & (eaten > 0) & (state.stock - eaten <= 0)
+    stock, grown = regrow(table, state.stock, eaten, state.time, dt)
+    until = (state.tick + 1) * dt
+    places = swing(table, state.resource_position, until)
+    places = drift(table, model.scenario.arena, places, dt, rng["motion"])
+    places, gone = relocate(table, places, emptied, rng["motion"])
+    grown[gone] += table.stock[gone] - stock[gone]
+    stock[gone] = table.stock[gone]
+    if gone.any():  # an agent on its way there does not know where the patch went
+        state.own("bound_for")
+        bound = np.flatnonzero(state.bound_for >= 0)
+        state.bound_for[bound[gone[state.bound_for[bound]]]] = -1
+    state.stock, state.grown, state.resource_position = stock, state.grown + grown, places
+    if table.uncertain:
+        units = whole_units(until) - whole_units(state.time)
+        state.available = appear(table, state.available, units, rng["availability"])
 
 
 # ---- growing -------------------------------------------------------------------------------

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ecology import kernels
 from ecology.empathy import own_weights
-from ecology.kernels import around, clear_lines, in_view, nearest_seen, write_others, write_patches
 from ecology.neighbours import Pairs
-from ecology.physiology import Body
 from ecology.plane import Plane, corners_of, plane_of
-from ecology.resources import ResourceTable
 from ecology.spec import Arena, Neighbours, Resource, Species
 from ecology.state import Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.model import Model
 
 SENSES: Mapping[str, int] = {"position": 2, "heading": 1, "clock": 2}  # components in zeta
 
@@ -164,25 +166,23 @@ def compile_gaze(
     )
 
 
-@dataclass(frozen=True)
-class Surroundings:
-    """What of the state's neighbourhood is perceived in a tick."""
+class Perception(NamedTuple):
+    """What bodies see and can do after a tick, on which they decide in the next one; K resources, A actions."""
 
-    table: ResourceTable
-    plane: Plane
-    body: Body
-    species_of: Ints  # (N,)
-    nearest_patch: Ints  # (N, K) nearest patch of each resource that is seen or stood in, -1 without
-    pairs: Pairs | None
-    eyes: Eyes
+    here: Ints  # (N, K) patch of each resource that the body stands in and can consume, -1 without
+    toward: Ints  # (N, K) patch of each resource that a go_to leads to, -1 without
+    nearest: Ints  # (N, K) nearest patch of each resource that is seen or stood in, -1 without
+    pairs: Pairs | None  # of bodies near each other; None where nobody senses or meets another
+    targets: Mapping[str, Ints]  # by species (n, A), slot that a bite or gift would meet, -1 without
+    masks: Mapping[str, Bools]  # by species (n, A), A_zeta
 
 
-def observe(gaze: Gaze, state: State, around: Surroundings, day: float | None) -> np.ndarray:
+def observe(model: Model, gaze: Gaze, state: State, seen: Perception) -> np.ndarray:
     """Return zeta = [delta, what is felt, e] of the n slots of one species, float32 (n, D)."""
     species, rows = gaze.species, gaze.rows
     n, width = rows.stop - rows.start, len(species.needs)
     zeta = np.zeros((n, len(gaze.layout.names)), np.float32)
-    zeta[:, :width] = state.internal[rows, :width] - around.body.set_point[rows, :width]
+    zeta[:, :width] = state.internal[rows, :width] - model.body.set_point[rows, :width]
     column = width
     for to in gaze.felt_to:
         zeta[:, column] = state.felt[rows, to]
@@ -193,18 +193,18 @@ def observe(gaze: Gaze, state: State, around: Surroundings, day: float | None) -
         elif sense == "heading":
             zeta[:, column] = state.heading[rows]
         elif sense == "clock":
-            angle = 2 * math.pi * state.time / (day or 1.0)
+            angle = 2 * math.pi * state.time / (model.scenario.day or 1.0)
             zeta[:, column : column + 2] = (math.cos(angle), math.sin(angle))
         column += SENSES[sense]
-    plane = around.plane
+    plane = model.plane
     for kind, full in zip(gaze.sees, gaze.full, strict=True):
-        write_patches(
-            zeta, column, gaze.far, around.nearest_patch[:, kind], rows.start, state.position, state.heading,
-            state.resource_position, plane.size, plane.torus, full, state.stock, around.table.capacity,
+        kernels.write_patches(
+            zeta, column, gaze.far, seen.nearest[:, kind], rows.start, state.position, state.heading,
+            state.resource_position, plane.size, plane.torus, full, state.stock, model.resources.capacity,
         )  # fmt: skip
         column += 2 + full
     for sensed, kind_of, columns in gaze.neighbours:
-        column = _observe_others(zeta, column, gaze, state, around, sensed, kind_of, columns)
+        column = _observe_others(zeta, column, gaze, model, state, seen.pairs, (sensed, kind_of, columns))
     return zeta
 
 
@@ -212,27 +212,42 @@ def _observe_others(
     zeta: np.ndarray,
     column: int,
     gaze: Gaze,
+    model: Model,
     state: State,
-    around: Surroundings,
-    sensed: Neighbours,
-    kind_of: Ints,
-    columns: Ints,
+    pairs: Pairs | None,
+    sense: tuple[Neighbours, Ints, Ints],
 ) -> int:
-    """Write what is sensed of others into zeta (n, D) from `column` on, and return the column after it."""
-    pairs, eyes, kinds = around.pairs, around.eyes, len(columns)
+    """Write what one of `gaze.neighbours` senses into zeta (n, D) from `column` on; return the column after it."""
+    sensed, kind_of, columns = sense
+    eyes, kinds = model.eyes, len(columns)
     assert pairs is not None
     n = len(zeta)
-    found, way = nearest_seen(
+    found, way = kernels.nearest_seen(
         pairs.starts, pairs.other, pairs.gap, pairs.distance, gaze.rows.start, n, sensed.count, kind_of >= 0,
-        around.species_of, state.position, state.heading, eyes.half_angle, eyes.range, eyes.wall_from,
+        model.species_of, state.position, state.heading, eyes.half_angle, eyes.range, eyes.wall_from,
         eyes.wall_along, eyes.open,
     )  # fmt: skip
     angle = np.arctan2(way[1], way[0])  # (n, k)
-    write_others(
+    kernels.write_others(
         zeta, column, gaze.far, found, angle, pairs.other, pairs.distance, gaze.rows.start, state.heading,
-        sensed.heading, kind_of, kinds, around.species_of, columns, state.internal, around.body.set_point,
+        sensed.heading, kind_of, kinds, model.species_of, columns, state.internal, model.body.set_point,
     )  # fmt: skip
     return column + sensed.count * (2 + sensed.heading + (kinds if kinds > 1 else 0) + columns.shape[1])
+
+
+def show_fatal_needs(
+    model: Model, state: State, internal: Floats, died: Bools, observations: Mapping[str, np.ndarray]
+) -> None:
+    """Write the needs with which agents `died` (N,), from x (N, V) after the tick, into their last observations.
+
+    The state keeps what a dead body stored before the tick, so that the account closes and death is no relief.
+    """
+    body = model.body
+    x = np.where(np.isfinite(internal), np.clip(internal, body.low, body.high), state.internal)
+    for group, species in model.species:
+        rows, width = np.flatnonzero(died[group.slots]), len(species.needs)
+        at = group.slots.start + rows
+        observations[group.name][rows, :width] = (x - body.set_point)[at, :width]
 
 
 @dataclass(frozen=True)
@@ -246,6 +261,13 @@ class Eyes:
     wall_from: Floats  # (W, 2)
     wall_along: Floats  # (W, 2) from the first to the second end
     reach: Floats  # (R,) radius of the patch's circle
+
+    def sees_others(self, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
+        """Return which pairs (P,) are seen by `who`: in its view field, no wall between; `looks` (N,) are who look."""
+        return kernels.in_view(
+            pairs.starts, pairs.other, pairs.gap, pairs.distance, position, heading, looks,
+            self.half_angle, self.range, self.wall_from, self.wall_along, self.open,
+        )  # fmt: skip
 
 
 def compile_eyes(species: tuple[Species, ...], arena: Arena, resources: tuple[Resource, ...]) -> Eyes:
@@ -274,26 +296,19 @@ def clear(eyes: Eyes, start: Floats, end: Floats) -> Bools:
     """Return whether the straight segment from start to end (m, 2) crosses no wall, (m,)."""
     if eyes.open:
         return np.ones(len(start), bool)
-    return clear_lines(start, end, eyes.wall_from, eyes.wall_along)
+    return kernels.clear_lines(start, end, eyes.wall_from, eyes.wall_along)
 
 
-def find_patches(
-    eyes: Eyes, plane: Plane, table: ResourceTable, kinds: int, state: State, offered: Bools
-) -> tuple[Bools, Bools, Ints, Ints, Ints]:
+def find_patches(model: Model, state: State, offered: Bools) -> tuple[Bools, Bools, Ints, Ints, Ints]:
     """Return where the patches are from each body; see `kernels.around`.
 
-    A patch is seen within the angle and the range of the view field, with no wall between.
+    A patch is seen within the angle and the range of the view field, with no wall between. `offered` (R,) are patches
+    that can be consumed. An agent that has arrived at a patch is bound for it no more.
     """
-    return around(
+    eyes, plane = model.eyes, model.plane
+    state.own("bound_for")
+    return kernels.around(
         state.position, state.heading, state.alive, state.bound_for, eyes.sees, eyes.half_angle, eyes.range,
-        state.resource_position, eyes.reach, table.kind, kinds, offered, plane.size, plane.torus,
-        eyes.wall_from, eyes.wall_along, eyes.open,
-    )  # fmt: skip
-
-
-def sight(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
-    """Return which pairs (P,) are seen by `who`: within its view field, no wall between; `looks` (N,) are who look."""
-    return in_view(
-        pairs.starts, pairs.other, pairs.gap, pairs.distance, position, heading, looks,
-        eyes.half_angle, eyes.range, eyes.wall_from, eyes.wall_along, eyes.open,
+        state.resource_position, eyes.reach, model.resources.kind, len(model.scenario.resources), offered,
+        plane.size, plane.torus, eyes.wall_from, eyes.wall_along, eyes.open,
     )  # fmt: skip

@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from ecology.env import Ecology, Tick
+from ecology.env import Ecology
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Bools
+from ecology.world import Tick
 
 
 class GymEnv(gymnasium.Env):

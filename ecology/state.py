@@ -69,6 +69,21 @@ class State:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
+    def next(self) -> State:
+        """Return a state that begins as this one and shares its arrays: stages replace arrays, never write into them.
+
+        A stage that has to write calls `own` first.
+        """
+        after = object.__new__(State)
+        after.__dict__ = self.__dict__.copy()
+        return after
+
+    def own(self, *names: str) -> None:
+        """Copy the arrays `names`, so that writing into them does not change an earlier state."""
+        values = self.__dict__
+        for name in names:
+            values[name] = values[name].copy()
+
     def readonly(self) -> State:
         """Return a view of this state that refuses to be written, its arrays and its fields."""
         view = object.__new__(_ReadOnly)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from worlds import kind, square, start
 
-from ecology import Ecology, EcologyError, Group, Need, Neighbours, Tick, agents, bite, scenarios
+from ecology import Ecology, EcologyError, Group, Need, Neighbours, Tick, agents, bite, scenarios, senses
 from ecology.agents import kernels, loop
 from ecology.agents.base import Learner, Transition, drive_terms
 from ecology.agents.baselines import Greedy
@@ -237,7 +237,8 @@ def test_the_needs_at_death_are_those_of_the_fatal_tick(damage, left) -> None:
 def test_a_need_that_is_not_finite_at_death_is_shown_as_before() -> None:
     """What a body ran away to is no observation: the need before the tick stands in its place."""
     env, _, tick = hunted(damage={"food": 5.0})
-    env._show_fatal(tick, np.full((3, 1), np.nan))
+    world = env.world
+    senses.show_fatal_needs(world.model, world.state, np.full((3, 1), np.nan), tick.died, tick.observations)
     assert tick.observations["sheep"][0, 0] == 0.0
 
 

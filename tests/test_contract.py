@@ -1,5 +1,6 @@
 """The contract that every scenario in the folder keeps, a new file being found by itself; and that it can be broken."""
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from worlds import everything, kind, square
 
 import ecology
-from ecology import Ecology, EcologyError, contract, life, scenarios, senses
+from ecology import Ecology, EcologyError, contract, life, resources, scenarios, senses
 from ecology.physics import Physics
 
 AGENT_TICKS = 4000  # of each life, but at least 60 ticks
@@ -150,13 +151,26 @@ def kept_and_written():
 
 def returning_names():
     """Return a method that gives newborns a serial that was there before."""
-    whole = Ecology._settle
+    whole = life.start_lives
 
-    def method(self, new, place, heading):
-        whole(self, new, place, heading)
-        self._state.serial[new] = 0
+    def start_lives(model, state, new, position, heading):
+        whole(model, state, new, position, heading)
+        state.serial[new] = 0
 
-    return Ecology, "_settle", method
+    return life, "start_lives", start_lives
+
+
+def less_eaten(*arguments, whole=resources.eat):
+    """Return meals that take a tenth less from the stocks than bodies ingest."""
+    ingested, eaten = whole(*arguments)
+    return ingested, eaten * 0.9
+
+
+def other_chance(parts):
+    """Return the parts of an environment with random numbers of its own."""
+    world = copy.copy(parts["world"])
+    world._rng = {name: np.random.default_rng(0) for name in world._rng}
+    return parts | {"world": world}
 
 
 def far_off(zeta):
@@ -185,15 +199,13 @@ SABOTAGE = {
     "a snapshot lives on bit for bit": lambda: damaged(
         "snapshot", lambda it: (it[0] | {"hold": it[0]["hold"] * 0}, it[1])
     ),
-    "a copy lives on bit for bit": lambda: damaged(
-        "__getstate__", lambda it: it | {"_rng": {name: np.random.default_rng(0) for name in it["_rng"]}}
-    ),
+    "a copy lives on bit for bit": lambda: damaged("__getstate__", other_chance),
     "nobody leaves the arena or goes through a wall": lambda: (
         Physics,
         "move",
         lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
     ),
-    "every account closes": lambda: damaged("_eat", lambda it: (*it[:-1], it[-1] * 0.9)),
+    "every account closes": lambda: (resources, "eat", less_eaten),
     "names never return": returning_names,
 }
 

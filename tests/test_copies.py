@@ -50,7 +50,7 @@ def build(count: int = 3):
 def go_on(env, ticks, seed):
     """Return all that is seen in some ticks of random actions, as bytes."""
     rng = np.random.default_rng(seed)
-    masks, seen = env._masks, []
+    masks, seen = env.world.perception.masks, []
     for _ in range(ticks):
         wanted = np.zeros(env.size, np.int64)
         for group in env.groups.values():

@@ -211,8 +211,10 @@ def test_shuffling_keeps_the_weights_of_all_who_feel(n):
     env = colony(*[(1.0, 0.0)] * n, empathy=Empathy(weight=1.0, matrix=matrix, lesion="shuffled"))
     for alive in [np.ones(n, bool), np.arange(n) != 1]:
         env.put(alive=alive)
-        coupling = env._couplings[0]
-        weight = ecology.empathy.matrix(coupling, env.state_view, env._plane, None, None, env._ring)
+        coupling = env.world.model.couplings[0]
+        weight = ecology.empathy.matrix(
+            coupling, env.state_view, env.world.model.plane, None, None, env.world.lesion_order
+        )
         before = coupling.weight * alive * alive[:, None]
         assert weight.sum(axis=1) == pytest.approx(before.sum(axis=1))
         assert (np.diag(weight) == 0).all()
@@ -266,7 +268,7 @@ def test_the_drive_follows_from_the_coupling():
     for _ in range(40):
         tick = env.step_arrays(contract.choose(env, tick, rng))
         now, alive = env.state_view, tick.alive
-        delta = physiology.deviation(env._body, now.internal)
+        delta = physiology.deviation(env.world.model.body, now.internal)
         for group, species in zip(env.groups.values(), env.scenario.species, strict=True):
             rows = group.slots
             weight, slots = env.coupling(group.name)
@@ -282,7 +284,9 @@ def test_the_drive_follows_from_the_coupling():
                     weight, slots = env.coupling(group.name, need.name)
                     together[:, column] = weight @ delta[slots, column]
                     assert weight.sum(axis=1) == pytest.approx(alive[rows].astype(float))
-                drive = physiology.drive(together, env._body.epsilon[rows], env._body.exponent[rows])
+                drive = physiology.drive(
+                    together, env.world.model.body.epsilon[rows], env.world.model.body.exponent[rows]
+                )
             assert drive[alive[rows]] == pytest.approx(now.drive[rows][alive[rows]], rel=1e-9)
     assert all(felt_now.values())
 

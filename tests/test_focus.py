@@ -293,7 +293,7 @@ def test_a_click_means_who_was_seen():
     env = Ecology(village())
     env.reset_arrays(3)
     focus = census.Focus.of(env, [])
-    state = env._state
+    state = env.world.state
     state.tick, state.time, state.age[:] = 100, 100.0, 100.0
     state.age[4], state.alive[6] = 20.0, False
     state.serial[4] = 77

@@ -47,9 +47,9 @@ def test_who_sees_whom_is_what_angle_range_and_walls_say(angle):
     env = ecology.parallel_env(replace(scenario, species=(species,)))
     env.reset_arrays(seed=2)
     state = env.state_view
-    pairs = neighbours.find(env._plane, state.position, state.alive, 4.0)
+    pairs = neighbours.find(env.world.model.plane, state.position, state.alive, 4.0)
     looks = np.arange(80) != 7
-    seen = senses.sight(env._eyes, pairs, state.position, state.heading, looks)
+    seen = env.world.model.eyes.sees_others(pairs, state.position, state.heading, looks)
     turn = senses.wrap(np.arctan2(pairs.gap[:, 1], pairs.gap[:, 0]) - state.heading[pairs.who])
     lines = shapely.linestrings(np.stack([state.position[pairs.who], state.position[pairs.other]], axis=1))
     clear = shapely.Polygon(scenario.arena.vertices).covers(lines)

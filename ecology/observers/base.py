@@ -7,8 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ecology.env import Ecology, Tick
+from ecology.env import Ecology
 from ecology.state import State
+from ecology.world import Tick
 
 
 class Mind(Protocol):

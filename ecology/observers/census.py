@@ -10,12 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ecology.env import Ecology, Group, Tick
+from ecology.env import Ecology
+from ecology.model import Group
 from ecology.observers.wishes import AGENTS, Click
 from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import CAUSES, Floats, Ints, State
+from ecology.world import Tick
 
 KINDS = ("born", "died", "bit", "gave", "ate", "slept")
 EATS, SLEEPS = 1, 2  # codes of actions that are told of when they begin

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ecology.env import Group
 from ecology.kernels import inside_polygon
+from ecology.model import Group
 from ecology.observers.base import Mind
 from ecology.spec import Arena, Species
 from ecology.state import Bools, Floats

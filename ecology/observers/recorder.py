@@ -19,12 +19,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from ecology.env import Ecology, Tick
+from ecology.env import Ecology
 from ecology.errors import EcologyError, describe_refusal, is_from_system, readable
 from ecology.observers.base import Mind
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import State
+from ecology.world import Tick
 
 ROWS = 65_536  # of a part, at most, and of a row group of the joined file
 SECONDS = 30.0  # of the clock between parts, at most

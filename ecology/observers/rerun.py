@@ -21,7 +21,7 @@ os.environ.setdefault("RUST_LOG", "warn,re_log_encoding::rrd::file_sink=error")
 
 import rerun as rr
 
-from ecology.env import Ecology, Tick
+from ecology.env import Ecology
 from ecology.errors import EcologyError
 from ecology.observers import census, maps, relay, shapes
 from ecology.observers.backdrop import open_scene
@@ -44,6 +44,7 @@ from ecology.observers.wishes import Wishes
 from ecology.plane import plane_of
 from ecology.spec import require
 from ecology.state import State
+from ecology.world import Tick
 
 SAMPLES = 256  # sent in one go, at most
 SECONDS_FILE, SECONDS_LIVE = 1.0, 0.25  # of the clock between two sendings, at most

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ecology.env import Group
+from ecology.model import Group
 from ecology.observers import colours, maps, shapes
 from ecology.scenario import Scenario
 from ecology.spec import Species

@@ -1,0 +1,167 @@
+"""Model: everything about a world that never changes, compiled once from its scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ecology import empathy, physiology, resources, senses
+from ecology.actions import ActionTable, compile_actions
+from ecology.empathy import Coupling
+from ecology.physiology import Body
+from ecology.plane import Plane, corners_of, plane_of
+from ecology.resources import ResourceTable
+from ecology.scenario import Scenario
+from ecology.senses import Eyes, Gaze, Layout
+from ecology.spec import Species
+from ecology.state import Bools, Floats, Ints
+
+
+@dataclass(frozen=True)
+class Group:
+    """The slots of one species and what its agents know of themselves."""
+
+    name: str
+    index: int  # of the species in the scenario
+    slots: slice
+    layout: Layout  # of zeta
+    actions: tuple[str, ...]
+    kinds: tuple[str, ...]  # of the actions
+    speeds: Floats  # (A,)
+    turns: Floats  # (A,) radians per unit of time
+    durations: Floats  # (A,) minimal durations, units of time
+    dt: float
+
+    @property
+    def size(self) -> int:
+        """Return the number of slots."""
+        return self.slots.stop - self.slots.start
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The constants of a world of N slots, V needs (the most of any species), R patches and W walls."""
+
+    scenario: Scenario
+    dt: float
+    size: int  # N
+    plane: Plane
+    walls: Floats  # (W, 2) corners of the arena, which lies on the left of every wall
+    groups: Mapping[str, Group]  # by species
+    tables: tuple[ActionTable, ...]  # by species
+    acting: tuple[tuple[Group, ActionTable], ...]  # every group with its actions
+    species: tuple[tuple[Group, Species], ...]  # every group with its species
+    gazes: tuple[Gaze, ...]  # by species
+    needs: Mapping[str, tuple[str, ...]]  # names by species, in the order of the columns
+    patches: Mapping[str, slice]  # rows of the patches, by resource
+    body: Body
+    eyes: Eyes
+    resources: ResourceTable
+    couplings: tuple[Coupling, ...]  # of the species that have empathy
+    radius: Floats  # (N,)
+    solid: Bools  # (N,)
+    species_of: Ints  # (N,)
+    has_need: Bools  # (N, V) False in the columns that only pad
+    choices: Ints  # (N,) number of actions
+    looks: Bools  # (N,) whether empathy depends on whom the agent sees
+    nobody: Ints  # (N,) -1; copied before it is written
+    near: float  # distance within which anyone senses, meets or crowds another; 0: nobody does
+    meets: bool  # whether bodies bite, give or crowd
+    mortal: bool  # whether anyone can die
+
+    def name_of(self, slot: int, serial: Ints) -> str:
+        """Return the name of the agent in `slot`, given the `serial` (N,) of every slot."""
+        return f"{self.scenario.species[self.species_of[slot]].name}_{int(serial[slot])}"
+
+    def founders(self) -> list[tuple[Species, range]]:
+        """Return every species and the serials of its agents at the start."""
+        found, start = [], 0
+        for s in self.scenario.species:
+            found.append((s, range(start, start + s.count)))
+            start += s.count
+        return found
+
+    def with_finite_stocks(self) -> Model:
+        """Return this model with stocks that can run out, also where the scenario has unlimited ones only."""
+        return replace(self, resources=replace(self.resources, constant=False, finite=True))
+
+
+def compile_model(scenario: Scenario) -> Model:
+    """Return the constants of the world of `scenario`."""
+    species, arena = scenario.species, scenario.arena
+    dt = float(scenario.dt)
+    width = max(len(s.needs) for s in species)
+    counts = [s.slots for s in species]
+    blocks = _blocks(counts)
+    tables = tuple(compile_actions(s, scenario.resources, species) for s in species)
+    gazes = tuple(
+        senses.compile_gaze(s, rows, arena, scenario.resources, species)
+        for s, rows in zip(species, blocks, strict=True)
+    )
+    body = physiology.compile_bodies(species, width)
+    groups = {
+        s.name: Group(
+            name=s.name,
+            index=i,
+            slots=blocks[i],
+            layout=gazes[i].layout,
+            actions=tables[i].names,
+            kinds=tables[i].kinds,
+            speeds=tables[i].speed,
+            turns=tables[i].turn,
+            durations=tables[i].duration,
+            dt=dt,
+        )
+        for i, s in enumerate(species)
+    }
+    kinds = scenario.resources
+    return Model(
+        scenario=scenario,
+        dt=dt,
+        size=sum(counts),
+        plane=plane_of(arena),
+        walls=corners_of(arena),
+        groups=groups,
+        tables=tables,
+        acting=tuple(zip(groups.values(), tables, strict=True)),
+        species=tuple(zip(groups.values(), species, strict=True)),
+        gazes=gazes,
+        needs={s.name: tuple(need.name for need in s.needs) for s in species},
+        patches=dict(zip([r.name for r in kinds], _blocks([r.count for r in kinds]), strict=True)),
+        body=body,
+        eyes=senses.compile_eyes(species, arena, kinds),
+        resources=resources.compile_resources(kinds, arena, species),
+        couplings=tuple(empathy.compile_coupling(species, blocks, width)),
+        radius=np.repeat([float(s.radius) for s in species], counts),
+        solid=np.repeat([s.solid for s in species], counts),
+        species_of=np.repeat(np.arange(len(species)), counts),
+        has_need=np.repeat([np.arange(width) < len(s.needs) for s in species], counts, axis=0),
+        choices=np.repeat([len(s.actions) for s in species], counts),
+        looks=np.repeat([s.empathy is not None and s.empathy.sight for s in species], counts),
+        nobody=np.full(sum(counts), -1),
+        near=_nearness(scenario, gazes),
+        meets=any(s.crowding is not None or any(a.reach for a in s.actions) for s in species),
+        mortal=body.deadly
+        or scenario.rule is not None
+        or any(s.hazard is not None or any(a.kind == "bite" for a in s.actions) for s in species),
+    )
+
+
+def _blocks(counts: list[int]) -> list[slice]:
+    """Return slices of `counts` rows each, one after the other."""
+    ends = np.cumsum(counts).tolist()
+    return [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+
+
+def _nearness(scenario: Scenario, gazes: tuple[Gaze, ...]) -> float:
+    """Return the distance within which anyone senses, meets or crowds another; 0: nobody does."""
+    found = [0.0]
+    for s, gaze in zip(scenario.species, gazes, strict=True):
+        if s.neighbours or (s.empathy is not None and s.empathy.sight):
+            found.append(gaze.far)
+        found += [action.reach for action in s.actions]
+        if s.crowding is not None:
+            found.append(s.crowding.within)
+    return max(found)

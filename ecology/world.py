@@ -1,0 +1,334 @@
+"""ArrayWorld: a world in arrays, and the order of one tick."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ecology import (
+    actions,
+    changes,
+    empathy,
+    kernels,
+    life,
+    meetings,
+    neighbours,
+    physiology,
+    resources,
+    senses,
+)
+from ecology.errors import EcologyError, nearest
+from ecology.model import Model, compile_model
+from ecology.physics import Physics
+from ecology.scenario import Scenario
+from ecology.senses import Perception
+from ecology.spec import require
+from ecology.state import Bools, Floats, Ints, State
+
+# one random stream each; new ones come last
+CONCERNS = ("birth", "noise", "availability", "motion", "meeting", "offspring", "hazard", "rule", "lesion")
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What one tick brought, in arrays; per species under its name."""
+
+    observations: Mapping[str, np.ndarray]  # float32 (n, D), zeta; of an agent that died, its needs at death
+    masks: Mapping[str, Bools]  # (n, A), A_zeta
+    reward: Floats  # (N,) drive before minus drive after
+    drive: Floats  # (N,)
+    alive: Bools  # (N,) at the end of the tick
+    died: Bools  # (N,) in this tick
+    born: Bools  # (N,) in this tick
+    parent: Ints  # (N,) slot of the parent, -1 without
+    killer: Ints  # (N,) slot of the agent that bit it to death in this tick, -1 without
+    closed: Bools  # (N,) whose action was closed and was replaced
+    action: Ints  # (N,) executed in the tick
+
+
+class ArrayWorld:
+    """A world of N slots: its `model`, which never changes, and its `state`, a new one after every tick.
+
+    `copy.deepcopy` and `pickle` take a world at any tick, and the copy continues bit for bit.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Build the world of `scenario`; it starts with `reset`."""
+        self.model: Model = compile_model(scenario)
+        self.seed: int | None = None  # of the last reset
+        self.turnover = 0  # changes of who lives, so far
+        self._state: State | None = None
+        self._grows = any(s.grows for s in scenario.species)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ArrayWorld:
+        """Return a world of its own, which shares only the model."""
+        twin = memo[id(self)] = object.__new__(type(self))
+        memo[id(self.model)] = self.model
+        twin.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        return twin
+
+    @property
+    def state(self) -> State:
+        """Return what changes; arrays that a state holds are never written once the tick is over."""
+        if self._state is None:
+            raise EcologyError("the world has not started: call reset before step.")
+        return self._state
+
+    @property
+    def started(self) -> bool:
+        """Return whether the world has been reset."""
+        return self._state is not None
+
+    # ---- the tick ------------------------------------------------------------------------
+
+    def reset(self, seed: int) -> Tick:
+        """Start from `seed` and return the first observations."""
+        model = self.model
+        self.seed = seed
+        streams = np.random.SeedSequence(seed).spawn(len(CONCERNS))
+        self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
+        self._state = state = _first_state(model, self._rng)
+        self.turnover += 1
+        self.lesion_order = self._rng["lesion"].permutation(model.size)  # of the shuffled lesion
+        self._touch(state)
+        self.perception = self._perceive(state, None)
+        return self._observe(np.zeros(model.size))
+
+    def step(self, chosen: Ints) -> Tick:
+        """Advance one tick: this is the order of things, top to bottom.
+
+        `chosen` (N,) holds an index into each slot's own species' actions; entries of dead slots are ignored.
+        """
+        model, seen, rng = self.model, self.perception, self._rng
+        before = self.state
+        state = before.next()
+        # actions: what each body does
+        deeds = actions.decide(model, state, seen, np.asarray(chosen))
+        # physics: bodies move and touch
+        way = kernels.velocities(deeds.direction, deeds.speed)
+        state.position, put_back = self._physics.move(state.position, way, model.dt, state.alive)
+        state.returned += put_back
+        # resources: bodies that eat from one stock share it
+        ingested, eaten = resources.eat(model, state, seen, deeds.control)
+        # meetings: bites, gifts, crowding, the scenario's own rule
+        met = meetings.meet(model, state, seen, deeds.control, rng)
+        # physiology: bodies drift, act and are disturbed
+        internal = physiology.advance(
+            model.body, state.internal, deeds.control, state.time, state.age, model.dt, rng["noise"]
+        )
+        internal += met.received - met.given
+        # deaths and births; a slot rests for a tick before a newborn takes it
+        died, killer = life.die(model, state, internal, met, rng["hazard"])
+        free = ~state.alive
+        physiology.commit(model, state, internal, ingested + met.received - met.given, died)
+        born, parent = life.reproduce(model, state, free, rng["offspring"])
+        # resources: stocks regrow, come and go, move
+        resources.renew(model, state, eaten, rng)
+        # time
+        state.tick += 1
+        state.time = state.tick * model.dt
+        # senses and observation
+        self.perception = self._perceive(state, seen.pairs)
+        self._state = state
+        reward = np.where(born, 0.0, before.drive - state.drive)
+        tick = self._observe(reward, died, deeds.closed, born, parent, killer)
+        dead = bool(died.any())
+        if dead or (self._grows and born.any()):
+            self.turnover += 1
+        if dead:
+            senses.show_fatal_needs(model, state, internal, died, tick.observations)
+        return tick
+
+    def _perceive(self, state: State, last: neighbours.Pairs | None) -> Perception:
+        """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
+        model = self.model
+        offered = resources.offered(state.stock, state.available)
+        state.inside, state.seen, here, toward, nearest_patch = senses.find_patches(model, state, offered)
+        pairs = neighbours.find(model.plane, state.position, state.alive, model.near, last) if model.near else None
+        targets = meetings.aim(model, state, pairs)
+        empathy.update_drives(model, state, pairs, self.lesion_order)
+        masks = actions.open_actions(model, state, here, toward, targets)
+        return Perception(here, toward, nearest_patch, pairs, targets, masks)
+
+    def _observe(
+        self,
+        reward: Floats,
+        died: Bools | None = None,
+        closed: Bools | None = None,
+        born: Bools | None = None,
+        parent: Ints | None = None,
+        killer: Ints | None = None,
+    ) -> Tick:
+        """Return what the agents perceive."""
+        model, state, seen = self.model, self.state, self.perception
+        none = np.zeros(model.size, bool)
+        return Tick(
+            observations={
+                name: senses.observe(model, gaze, state, seen)
+                for name, gaze in zip(model.groups, model.gazes, strict=True)
+            },
+            masks=seen.masks,
+            reward=reward,
+            drive=state.drive,
+            alive=state.alive,
+            died=none if died is None else died,
+            born=none if born is None else born,
+            parent=model.nobody.copy() if parent is None else parent,
+            killer=model.nobody.copy() if killer is None or killer is model.nobody else killer,
+            closed=none if closed is None else closed,
+            action=state.action.copy(),
+        )
+
+    def _touch(self, state: State) -> None:
+        """Build the solver for the bodies where they are."""
+        model = self.model
+        self._physics = Physics(model.scenario.arena, model.radius, model.solid, state.position, state.alive)
+
+    # ---- what observers may ask ------------------------------------------------------------
+
+    def sighted(self, slot: int) -> Ints:
+        """Return the slots of the others that the agent in `slot` sees now, (k,); none if its species does not look."""
+        model, state, pairs = self.model, self.state, self.perception.pairs
+        if pairs is None or not model.looks[slot]:
+            return np.empty(0, np.int64)
+        looks = np.arange(model.size) == slot
+        return pairs.other[model.eyes.sees_others(pairs, state.position, state.heading, looks)]
+
+    def coupling(self, species: str, need: str | None = None) -> tuple[Floats, Ints] | None:
+        """Return the weights of empathy, see `Ecology.coupling`."""
+        model = self.model
+        if species not in model.groups:
+            raise EcologyError(f"there is no species {species!r}. {nearest(str(species), model.groups)}")
+        needs = model.needs[species]
+        if need is not None and need not in needs:
+            raise EcologyError(f"species {species!r} has no need {need!r}. {nearest(str(need), needs)}")
+        rows = model.groups[species].slots
+        for coupling in model.couplings:
+            if coupling.rows == rows:
+                column = None if need is None else needs.index(need)
+                weight = empathy.weigh(model, self.state, coupling, self.perception.pairs, self.lesion_order)
+                return empathy.weights(coupling, weight, self.state.alive, column)
+        return None
+
+    # ---- changing a world between ticks ------------------------------------------------------
+
+    def put(self, **values: Any) -> Tick:
+        """Overwrite fields of the state between ticks, see `Ecology.put`."""
+        model, before = self.model, self.state
+        changed = changes.read(values, before)
+        if "alive" in changed:
+            changes.rename(changed, before, model.scenario)
+        changes.check(changed, before, model)
+        state = before.next()
+        for name, value in changed.items():
+            setattr(state, name, value)
+        state.next_serial = max(state.next_serial, int(state.serial.max(initial=-1)) + 1)
+        state.position = model.plane.home(state.position)
+        if values.keys() & {"position", "alive"}:  # the solver remembers contacts of another place
+            self._touch(state)
+        return self._resume(state)
+
+    def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return all that the world has become, see `Ecology.snapshot`."""
+        state = self.state
+        arrays = {name: array.copy() for name, array in state.arrays().items()}
+        plain = {f.name: getattr(state, f.name) for f in fields(state) if f.name not in arrays}
+        arrays |= self._physics.memory()
+        streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
+        return arrays, {"seed": self.seed, "state": plain, "rng": streams}
+
+    def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> Tick:
+        """Become the world that `snapshot` returned, see `Ecology.restore`."""
+        fresh = ArrayWorld(self.model.scenario)
+        fresh.reset(values["seed"])
+        state = fresh.state.next()
+        memory = fresh._physics.memory()  # of as many ticks as there were
+        own = state.arrays() | {name: array[:0] for name, array in memory.items()}
+        known = {name: (array.shape, array.dtype) for name, array in own.items()}
+        given = {
+            name: ((0, *array.shape[1:]) if name in memory else array.shape, array.dtype)
+            for name, array in arrays.items()
+        }
+        differ = sorted(name for name in known.keys() | given.keys() if known.get(name) != given.get(name))
+        require(
+            not differ and values["rng"].keys() == fresh._rng.keys(),
+            f"the snapshot is of another world than {self.model.scenario.name!r}: {', '.join(differ) or 'rng'} "
+            "differ in shape or type; restore it with the scenario and the settings that it was made with.",
+        )
+        for name in state.arrays():
+            setattr(state, name, arrays[name].copy())
+        for name, value in values["state"].items():
+            setattr(state, name, value)
+        for name, stream in values["rng"].items():
+            fresh._rng[name].bit_generator.state = stream
+        fresh._physics.remember(arrays, self.model.dt)
+        self.seed, self._rng, self.lesion_order, self._physics = (
+            fresh.seed,
+            fresh._rng,
+            fresh.lesion_order,
+            fresh._physics,
+        )
+        return self._resume(state)
+
+    def _resume(self, state: State) -> Tick:
+        """Continue from `state`, which no tick has led to, and return what is perceived."""
+        if self.model.resources.constant and np.isfinite(state.stock).any():
+            self.model = self.model.with_finite_stocks()
+        self.perception = self._perceive(state, None)
+        self._state = state
+        self.turnover += 1
+        return self._observe(np.zeros(self.model.size))
+
+
+def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
+    """Return the state in which a world starts."""
+    n, table, scenario = model.size, model.resources, model.scenario
+    r = len(table.stock)
+    alive, serial = np.zeros(n, bool), np.full(n, -1)
+    position, heading = np.tile(model.walls[0], (n, 1)), np.zeros(n)
+    for (s, serials), group in zip(model.founders(), model.groups.values(), strict=True):
+        rows = slice(group.slots.start, group.slots.start + s.count)
+        alive[rows], serial[rows] = True, serials
+        position[rows], heading[rows] = life.place(scenario.arena, s, s.count, rng["birth"])
+    nothing = np.zeros_like(model.body.start)
+    return State(
+        tick=0,
+        time=0.0,
+        next_serial=int(np.count_nonzero(alive)),
+        alive=alive,
+        serial=serial,
+        parent=np.full(n, -1),
+        cause=np.zeros(n, np.int64),
+        fatal_need=np.full(n, -1),
+        killer=np.full(n, -1),
+        age=np.zeros(n),
+        position=position,
+        heading=senses.wrap(heading),
+        internal=np.where(alive[:, None], model.body.start, 0.0),
+        drive=np.zeros(n),
+        own_drive=np.zeros(n),
+        felt=nothing.copy(),
+        action=np.concatenate([np.full(group.size, table_.rest) for group, table_ in model.acting]),
+        hold=np.zeros(n),
+        bound_for=np.full(n, -1),
+        bit=np.full(n, -1),
+        gave=np.full(n, -1),
+        inside=np.zeros((n, r), bool),
+        seen=np.zeros((n, r), bool),
+        resource_position=resources.first_places(table, rng["motion"]),
+        stock=table.stock.copy(),
+        available=resources.appear(table, np.ones(r, bool), 1, rng["availability"]),
+        grown=np.zeros(r),
+        eaten=np.zeros(r),
+        ingested=nothing.copy(),
+        received=nothing.copy(),
+        given=nothing.copy(),
+        metabolised=nothing.copy(),
+        lost=nothing.copy(),
+        returned=0,
+        closed=np.zeros(n, np.int64),
+    )
