@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 from ecology.agents import checkpoint
-from ecology import faults as _faults
-from ecology.lab.runs.run_config import CONFIG, read_config, resolve
-from ecology.lab.runs.run import CHECKPOINT, KEPT, Run
+from ecology import faults
+from ecology.lab.runs.folder import CHECKPOINT, CONFIG, KEPT
+from ecology.lab.runs.run_config import read_config, resolve
+from ecology.lab.runs.run import Run
 
 from ecology import Ecology, EcologyError, Scenario
 from ecology.errors import nearest
@@ -62,7 +63,7 @@ def fork(
         forked.become(parts)
     except Exception as error:
         raise EcologyError(
-            f"the run cannot go on with these settings ({_faults.told(error)}). A fork changes numbers, not what there "
+            f"the run cannot go on with these settings ({faults.describe(error)}). A fork changes numbers, not what there "
             "is in the world, nor the shape of a learner."
         ) from error
     for species, learner in forked.learners.items():  # as if they had died in the last tick
