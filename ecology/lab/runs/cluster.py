@@ -12,8 +12,8 @@ import socket
 import sys
 import tempfile
 import threading
-from pathlib import Path
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from ecology.errors import EcologyError
 from ecology.lab.runs.sweep import Attempt, Cell, in_own_process
@@ -23,7 +23,7 @@ AHEAD = 16  # runs that wait at a Ray cluster beyond what it holds now: an autos
 
 
 def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
-    """Return how to live a run on a Ray cluster ("local" starts one on this machine), and how many runs to have under way now.
+    """Return how to run on a Ray cluster ("local" starts one on this machine), and how many runs to start now.
 
     A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
     nodes that join later are used.

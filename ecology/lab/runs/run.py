@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from ecology import Ecology, EcologyError, Scenario, State, Tick, agents, faults
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError, Learner
-from ecology import faults
+from ecology.errors import writable
 from ecology.lab.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -23,11 +24,8 @@ from ecology.lab.runs.folder import (
     replace_text,
     write_json,
 )
-from ecology.lab.runs.stopping import Interrupt, StoppedError
 from ecology.lab.runs.run_config import Choice, Plan, read_config, resolve, words_of, world_digest
-
-from ecology import Ecology, EcologyError, Scenario, State, Tick, agents
-from ecology.errors import readable, writable
+from ecology.lab.runs.stopping import Interrupt, StoppedError
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
 

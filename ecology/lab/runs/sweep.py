@@ -11,31 +11,27 @@ import contextlib
 import hashlib
 import itertools
 import json
-import logging
-import math
 import os
-import platform
 import re
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from ecology.lab.runs.run_config import Plan, resolve
-from ecology.lab.runs.folder import CONFIG, SUMMARY, replace_text
-from ecology.lab.runs.stopping import StoppedError
-from ecology.lab.values import as_key, read_value, split_values
 
 from ecology.errors import EcologyError, nearest, readable, writable
+from ecology.lab.runs.folder import CONFIG, SUMMARY, replace_text
+from ecology.lab.runs.run_config import Plan, resolve
+from ecology.lab.runs.stopping import StoppedError
+from ecology.lab.values import as_key, read_value, split_values
 
 TABLE, FIGURE, RUNS = "sweep.parquet", "sweep.png", "runs"  # what the folder of a sweep holds
 LEARNED, LEARNED_OWN = "learned_drive", "learned_own_drive"  # keys of the summary of a run that was measured after it
