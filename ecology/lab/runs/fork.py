@@ -62,8 +62,8 @@ def fork(
         forked.become(parts)
     except Exception as error:
         raise EcologyError(
-            f"the run cannot continue with these settings ({faults.describe(error)}). A fork changes numbers; it cannot "
-            "add or remove parts of the world or change the shape of a learner."
+            f"the run cannot continue with these settings ({faults.describe(error)}). A fork changes numbers; "
+            "it cannot add or remove parts of the world or change the shape of a learner."
         ) from error
     for species, learner in forked.learners.items():  # as if they had died in the last tick
         rows = forked.env.groups[species].slots
