@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from conftest import PATIENCE
 
 from ecology import EcologyError
 from ecology.lab.cli import main
@@ -168,7 +169,7 @@ def test_more_runs_start_when_there_is_room_for_more(tmp_path: Path) -> None:
 
     def attempt(cell: Any, stop: threading.Event) -> tuple[int, str]:
         threading.Timer(0.2, lambda: room.__setitem__(0, 2)).start()
-        together.wait(timeout=20)
+        together.wait(timeout=PATIENCE)
         return 2, "met"
 
     cells = sweep.cells_of("commons", tmp_path, seeds=[0, 1], settings={})

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from conftest import PATIENCE
 
 import ecology
 from ecology import EcologyError, agents
@@ -244,11 +245,11 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
          "--config", str(config), "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    until = time.monotonic() + 40
+    until = time.monotonic() + PATIENCE
     while not lived(out) and process.poll() is None and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
-    said, errors = process.communicate(timeout=40)
+    said, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 128 + signum, errors
     assert "Traceback" not in errors
     assert f"--resume {out}" in said
@@ -596,7 +597,10 @@ print("lived to", opens())
 def test_a_checkpoint_opens_whenever_its_writer_was_killed(tmp_path: Path) -> None:
     """SIGKILL before every single operation on files, and at 60 random moments, leaves a whole checkpoint."""
     done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path / "run/checkpoint")], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", KILLED, str(tmp_path / "run/checkpoint")],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     told = done.stdout.split()

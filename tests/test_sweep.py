@@ -16,6 +16,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from conftest import PATIENCE
 
 from ecology import EcologyError
 from ecology.lab.cli import main
@@ -353,11 +354,11 @@ def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, s
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     long = [out / f"runs/ticks=3000000_seed={seed}" for seed in range(2)]
-    until = time.monotonic() + 40
+    until = time.monotonic() + PATIENCE
     while not all((each / "checkpoint").exists() for each in long) and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
-    said, errors = process.communicate(timeout=40)
+    said, errors = process.communicate(timeout=PATIENCE)
     while _alive(str(out)) and time.monotonic() < until + 20:
         time.sleep(0.05)
     assert not _alive(str(out))
@@ -401,7 +402,9 @@ def test_a_sweep_lives_on_ray(sweep: Sweep) -> None:
     pytest.importorskip("ray", reason="the extra ray is not installed")
     words = ("--seeds", "5", "--set", "kills=0,1", "--set", "orphaned=0,1")
     command = [sys.executable, "-m", "ecology.lab.cli", "sweep", "world.py", *words]
-    done = subprocess.run([*command, "--out", "out", "--ray", "local"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [*command, "--out", "out", "--ray", "local"], capture_output=True, text=True, timeout=PATIENCE
+    )
     assert done.returncode == 0, done.stderr
     on_ray, usual = rows(), attempts().count("kills=0_orphaned=0_seed=5")
     assert attempts().count("kills=1_orphaned=0_seed=5") == usual + 1
