@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
@@ -88,7 +88,7 @@ class World:
         return names.index(self._known(names, name, what))
 
     @staticmethod
-    def _known(names, name: str, what: str) -> str:
+    def _known(names: Collection[str], name: str, what: str) -> str:
         if name not in names:
             raise EcologyError(f"the rule asks for the {what} {name!r}. {nearest(name, names)}")
         return name

@@ -5,14 +5,14 @@ Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeli
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ecology import kernels
-from ecology.spec import Species
+from ecology.spec import Need, Species
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
@@ -49,11 +49,11 @@ class Body:
 def compile_bodies(species: Sequence[Species], width: int) -> Body:
     """Return the constants of the slots of `species`, in their order, padded to `width` needs."""
 
-    def rows(read, padding: float = 0.0) -> np.ndarray:
+    def rows(read: Callable[[Need], Any], padding: float = 0.0) -> np.ndarray:
         table = [[read(need) for need in s.needs] + [padding] * (width - len(s.needs)) for s in species]
         return np.repeat(np.array(table, dtype=float), [s.slots for s in species], axis=0)
 
-    def season(name: str):
+    def season(name: str) -> Callable[[Need], float]:
         return lambda need: getattr(need.season, name) if need.season else 0.0
 
     frequency = rows(lambda need: 2 * np.pi / need.season.period if need.season else 0.0)

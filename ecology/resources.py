@@ -6,7 +6,7 @@ Shapes: N slots, R resources, V needs, W walls. Amounts are in units of intake.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from ecology import kernels
 from ecology.life import scatter_in
 from ecology.plane import plane_of
-from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource, Species
+from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource, Season, Species
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def compile_resources(resources: Sequence[Resource], arena: Arena, everyone: Seq
     def growth(kind: str) -> Floats:
         return np.array([r.growth.rate if r.growth and r.growth.kind == kind else 0.0 for r in resources], float)
 
-    def season(read) -> Floats:
+    def season(read: Callable[[Season], float]) -> Floats:
         found = [r.growth.season if isinstance(r.growth, Growth) else None for r in resources]
         return np.array([read(s) if s else 0.0 for s in found], float)
 

@@ -11,7 +11,7 @@ from ecology import Arena, Ecology, EcologyError, Need, agents, consume, rest, s
 from ecology.agents import loop, planner
 from ecology.agents.base import Transition
 from ecology.agents.baselines import Greedy, Random, Rest
-from ecology.agents.evaluation import mean_drive
+from ecology.agents.lives import mean_drive
 from ecology.agents.movements import adaptive
 from ecology.agents.planner import Camping, Exploring, Paths, Planner, gauge, rounds
 

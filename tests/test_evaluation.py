@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ecology import Arena, Ecology, EcologyError, Need, agents, move, rest, scenarios
-from ecology.agents import evaluation, figures, planner
+from ecology.agents import evaluation, figures, lives, planner
 from ecology.agents.base import Learner
 from ecology.agents.baselines import Random, Rest
 from ecology.agents.evaluation import (
@@ -20,15 +20,13 @@ from ecology.agents.evaluation import (
     compare_deviation,
     discounted,
     evaluate,
-    fresh_life,
-    interval,
     maps_of,
     maps_report,
-    mean_drive,
     probe,
     random_starts,
     transition_check,
 )
+from ecology.agents.lives import fresh_life, interval, mean_drive
 from ecology.agents.movements import single_ticks
 from ecology.agents.planner import Paths
 
@@ -133,23 +131,23 @@ def test_a_learner_of_another_world_is_refused(world, room):
 def test_regulated_is_the_first_tick_from_which_the_running_mean_stays_below():
     """A late relapse puts the tick off; a mean that ends above the bound gives none; blocks count in ticks."""
     drive = np.repeat([5.0, 1.0], [3000, 7000])
-    assert evaluation.running_mean(drive, 4)[2997:3002].tolist() == [4.0, 3.0, 2.0, 1.0, 1.0]
+    assert lives.running_mean(drive, 4)[2997:3002].tolist() == [4.0, 3.0, 2.0, 1.0, 1.0]
     # 5 a + 1 (2000 - a) < 2 * 2000 where a < 500: from 1,501 ticks after the fall on
-    assert evaluation.regulated_from(drive, 2.0) == 4501
+    assert lives.regulated_from(drive, 2.0) == 4501
     drive[8000:9000] = 5.0
-    assert evaluation.regulated_from(drive, 2.0) is None
-    assert evaluation.regulated_from(drive[:8000], 2.0) == 4501
-    assert evaluation.regulated_from(np.ones(3000), 2.0) == 2000
-    assert evaluation.regulated_from(np.ones(1999), 2.0) is None
+    assert lives.regulated_from(drive, 2.0) is None
+    assert lives.regulated_from(drive[:8000], 2.0) == 4501
+    assert lives.regulated_from(np.ones(3000), 2.0) == 2000
+    assert lives.regulated_from(np.ones(1999), 2.0) is None
     blocks = np.repeat([5.0, 1.0], [750, 1750])
-    assert evaluation.regulated_from(blocks, 2.0, span=4) == 4504
+    assert lives.regulated_from(blocks, 2.0, span=4) == 4504
 
 
 def test_the_worst_block_is_the_highest_of_whole_blocks():
     """Blocks are counted from the first tick that is measured; a rest of less than a block does not count."""
     drive = np.concatenate([np.full(1000, 1.0), np.full(1000, 3.0), np.full(1000, 2.0), np.full(500, 9.0)])
-    assert evaluation.worst_block(drive, skip=100) == {"mean": 3.0, "from": 1100}
-    assert evaluation.worst_block(drive[:999]) is None
+    assert lives.worst_block(drive, skip=100) == {"mean": 3.0, "from": 1100}
+    assert lives.worst_block(drive[:999]) is None
 
 
 def recorded(place, actions, drive, born=()):
@@ -158,7 +156,7 @@ def recorded(place, actions, drive, born=()):
     ones = np.ones((count + 1, 1), bool)
     newborn = ~ones
     newborn[list(born)] = True
-    return evaluation.Life(
+    return lives.Life(
         zeta=np.zeros((count + 1, 1, 9)),
         masks=np.ones((count + 1, 1, 13), bool),
         drive=np.append(drive[:1], drive)[:, None],
@@ -180,20 +178,20 @@ def test_a_sink_is_found_where_it_lies(world):
     wall[700:1500] = (3.9, 1.1)
     actions, drive = np.full(2000, walk), np.full(2000, 3.0)
     actions[::400] = group.actions.index("rest")
-    (sink,) = evaluation.stuck(recorded(wall, actions, drive), group, 2.0)
+    (sink,) = lives.stuck(recorded(wall, actions, drive), group, 2.0)
     assert sink["place"] == pytest.approx([3.9, 1.1], abs=0.05)
     assert (sink["action"], sink["mean_drive"], sink["slot"]) == ("walk", 3.0, 0)
     assert sink["share_of_action"] > 0.99
     assert abs(sink["from"] - 700) < 5 + 100  # and what was walked just before, within a length
     assert abs(sink["to"] - 1500) < 5
-    assert evaluation.sinks(recorded(wall, actions, drive), group, 2.0) == [sink]
-    assert not evaluation.stuck(recorded(way, actions, drive), group, 2.0)
-    assert not evaluation.stuck(recorded(wall, actions, drive), group, 3.5)
-    assert not evaluation.stuck(recorded(wall, actions, drive, born=[1100]), group, 2.0)
+    assert lives.sinks(recorded(wall, actions, drive), group, 2.0) == [sink]
+    assert not lives.stuck(recorded(way, actions, drive), group, 2.0)
+    assert not lives.stuck(recorded(wall, actions, drive), group, 3.5)
+    assert not lives.stuck(recorded(wall, actions, drive, born=[1100]), group, 2.0)
     fed = actions.copy()
     fed[1100] = eat
-    assert not evaluation.stuck(recorded(wall, fed, drive), group, 2.0)
-    (turns,) = evaluation.stuck(recorded(way, np.full(2000, walk), drive), group, 2.0)  # the same action for ever
+    assert not lives.stuck(recorded(wall, fed, drive), group, 2.0)
+    (turns,) = lives.stuck(recorded(way, np.full(2000, walk), drive), group, 2.0)  # the same action for ever
     assert (turns["from"], turns["to"]) == (0, 2000)
 
 
@@ -201,9 +199,9 @@ def test_who_sleeps_is_not_stuck(world):
     """Ticks in which the world leaves no choice do not make a sink."""
     _, group = world
     life = recorded(np.zeros((1000, 2)), np.full(1000, group.actions.index("sleep")), np.full(1000, 3.0))
-    assert evaluation.stuck(life, group, 2.0)
+    assert lives.stuck(life, group, 2.0)
     life.masks[:, :, 1:] = False
-    assert not evaluation.stuck(life, group, 2.0)
+    assert not lives.stuck(life, group, 2.0)
 
 
 def test_figures_draw_the_whole_life_and_its_tenants(world):

@@ -9,7 +9,7 @@ import pytest
 
 import ecology
 from ecology import EcologyError, Need, consume, rest, scenarios
-from ecology.agents import evaluation, planner
+from ecology.agents import evaluation, lives, planner
 from ecology.agents.base import Transition
 from ecology.agents.baselines import QValue, Random
 from ecology.agents.planner import Camping
@@ -129,9 +129,9 @@ def test_camping_holds_its_need_where_the_resource_swings_or_comes_and_goes(quic
     group = ecology.parallel_env(scenario).groups["agent"]
     camping = Camping(group, SEED, scenario)
     need = camping.known.need[camping.plan.order[0, 0]]
-    life = evaluation.fresh_life(scenario, camping, 2500, 0)
+    life = lives.fresh_life(scenario, camping, 2500, 0)
     assert np.abs(life.zeta[500:, 0, need]).mean() < 0.25  # resting: the set point itself, at least 1
-    assert life.drive[500:].mean() < evaluation.mean_drive(scenario, Random(group, SEED), 2500, 0, 500).mean()
+    assert life.drive[500:].mean() < lives.mean_drive(scenario, Random(group, SEED), 2500, 0, 500).mean()
 
 
 # ---- measured in another world -----------------------------------------------------------
@@ -140,11 +140,11 @@ def test_camping_holds_its_need_where_the_resource_swings_or_comes_and_goes(quic
 def test_a_learner_is_measured_only_where_it_fits():
     """A learner is refused in a world where its species senses or does something else, with what differs."""
     group = ecology.parallel_env(scenarios.load("shifted")).groups["agent"]
-    evaluation.check_fits(Random(group, SEED), scenarios.load("oscillating", test=True))
+    lives.check_fits(Random(group, SEED), scenarios.load("oscillating", test=True))
     with pytest.raises(EcologyError, match=r"does not fit.*actions and senses"):
-        evaluation.check_fits(Random(group, SEED), scenarios.load("paper"))
+        lives.check_fits(Random(group, SEED), scenarios.load("paper"))
     with pytest.raises(EcologyError, match="differs in species"):
-        evaluation.check_fits(Random(group, SEED), scenarios.load("colony"))
+        lives.check_fits(Random(group, SEED), scenarios.load("colony"))
 
 
 def test_baselines_that_learn_do_so_where_the_learner_did():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ecology import Ecology, EcologyError, Scenario, agents
-from ecology.agents import evaluation, loop
+from ecology.agents import lives, loop
 from ecology.agents.base import Learner
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
@@ -106,9 +106,9 @@ def test_an_evaluation_begins_and_ends_nothing_twice(world, monkeypatch):
     """What is lived on in pieces calls neither `begin` nor `end` between them."""
     env, learners = world
     calls: list[str] = []
-    monkeypatch.setattr(evaluation.Diary, "begin", lambda *_: calls.append("begin"))
-    monkeypatch.setattr(evaluation.Diary, "end", lambda *_: calls.append("end"))
-    evaluation.live(env, learners["agent"], env.reset_arrays(0), 3)
+    monkeypatch.setattr(lives.Diary, "begin", lambda *_: calls.append("begin"))
+    monkeypatch.setattr(lives.Diary, "end", lambda *_: calls.append("end"))
+    lives.live(env, learners["agent"], env.reset_arrays(0), 3)
     assert calls == ["begin", "end"]
 
 

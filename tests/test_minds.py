@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ecology import EcologyError
-from ecology.agents import evaluation
+from ecology.agents import evaluation, lives
 from ecology.lab import cli
 from ecology.lab.certificate import minds
 from ecology.lab.runs.folder import write_json
@@ -19,8 +19,9 @@ SMALL = {f"learner.{key}": value for key, value in {"width": 8, "batch": 8, "bat
 @pytest.fixture
 def short(monkeypatch):
     """Make every measure short."""
-    for name, value in {"PROBES": 1, "PROBE_TICKS": 40, "STARTS": 1, "PER_MOVEMENT": 1, "WINDOW": 200}.items():
+    for name, value in {"PROBES": 1, "PROBE_TICKS": 40, "STARTS": 1, "PER_MOVEMENT": 1}.items():
         monkeypatch.setattr(evaluation, name, value)
+    monkeypatch.setattr(lives, "WINDOW", 200)
     monkeypatch.setattr(minds, "ADAPTS", 300)
     monkeypatch.setattr(minds, "PROBES", 1)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ecology import EcologyError, agents
-from ecology.agents import checkpoint, evaluation, loop
+from ecology.agents import checkpoint, lives, loop
 from ecology.lab.cli import main
 
 PAGE = (Path(__file__).parent.parent / "docs" / "notebook.md").read_text(encoding="utf-8")
@@ -83,7 +83,7 @@ def test_a_frozen_learner_learns_nothing(tmp_path):
         assert not learner.learning
         for key, array in learner.state()[0].items():
             assert np.array_equal(array, before[name][key]), key
-    assert inspect.signature(agents.load).parameters["epsilon"].default == evaluation.EPSILON
+    assert inspect.signature(agents.load).parameters["epsilon"].default == lives.EPSILON
 
 
 def test_what_cannot_be_loaded_is_one_clear_error(folder, tmp_path):

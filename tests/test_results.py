@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ecology import Ecology, EcologyError, agents, scenarios
-from ecology.agents import evaluation
+from ecology.agents import lives
 from ecology.lab.cli import main
 from ecology.lab.runs import sweep as sweeps
 from ecology.lab.runs.run import Run, open_run
@@ -156,9 +156,9 @@ def test_an_evaluation_measures_own_drives(tmp_path: Path) -> None:
     (tmp_path / "world.py").write_text(WORLD)
     scenario = scenarios.load(str(tmp_path / "world.py"))
     learner = agents.make("random", Ecology(scenario).groups["agent"], np.random.SeedSequence(0), {})
-    life = evaluation.fresh_life(scenario, learner, 40, seed=0)
+    life = lives.fresh_life(scenario, learner, 40, seed=0)
     own = np.sqrt(life.zeta[11:, :, 0] ** 2 + 1e-3).mean(axis=1)
-    np.testing.assert_allclose(evaluation.drive_series(life, 10, own=True), own, atol=1e-5)
+    np.testing.assert_allclose(lives.drive_series(life, 10, own=True), own, atol=1e-5)
     assert np.abs(life.drive[1:] - life.own_drive).mean() > 1e-3  # agents alike have one mean, whatever they feel
 
 

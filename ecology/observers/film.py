@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -81,7 +82,8 @@ def _mp4(target: Path, pictures: Iterable[np.ndarray], fps: float) -> None:
         writer.close()
 
 
-def _encoder():
+def _encoder() -> Any:
+    """Return the library that writes mp4 files."""
     try:
         import imageio_ffmpeg
     except ImportError as error:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ecology import Ecology, scenarios
-from ecology.agents import evaluation
+from ecology.agents import evaluation, lives
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 from ecology.lab.runs.sweep import DPI, LEARNED, TABLE
 from ecology.observers.colours import PALETTE
@@ -88,7 +88,7 @@ def camping(scenario: str) -> float:
     group = next(iter(Ecology(world).groups.values()))
     seed = EVALUATION_SEED
     there = evaluation.baseline("camping", world, group, seed, EVALUATED)
-    return float(evaluation.mean_drive(world, there, EVALUATED, seed, SKIPPED).mean())
+    return float(lives.mean_drive(world, there, EVALUATED, seed, SKIPPED).mean())
 
 
 def draw(path: Path, found: Sequence[Point], line: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -59,17 +60,25 @@ def _camp(env: Ecology, scenario: Scenario, resource: int, ticks: int, skip: int
     return float(np.mean(drives))
 
 
+def mean_drives(arena: str, learner: str, seeds: int, ticks: int, skip: int) -> list[float]:
+    """Return the mean drive of every seed."""
+    return [mean_drive(arena, learner, seed, ticks, skip) for seed in range(seeds)]
+
+
 def parts(camping: bool) -> list[Part]:
     """Return a part for every agent of `AUTHORS`: those that camp, or the others."""
     found = []
     for arena, learner, _, _, seeds, ticks, skip in AUTHORS:
         if learner.startswith("camping") == camping:
-
-            def compute(arena=arena, learner=learner, seeds=seeds, ticks=ticks, skip=skip) -> list[float]:
-                return [mean_drive(arena, learner, seed, ticks, skip) for seed in range(seeds)]
-
             words = {"seeds": seeds, "ticks": ticks, "skip": skip, "heading": not learner.startswith("random")}
-            found.append(Part(f"{arena}-{learner}", words, 6.0 * seeds, compute))
+            found.append(
+                Part(
+                    f"{arena}-{learner}",
+                    words,
+                    6.0 * seeds,
+                    functools.partial(mean_drives, arena, learner, seeds, ticks, skip),
+                )
+            )
     return found
 
 

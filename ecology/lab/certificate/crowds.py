@@ -5,6 +5,7 @@ A life is that of `ecology run commons --set n=N` or `ecology run colony --set w
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -150,11 +151,7 @@ def parts_of(name: str, live: Callable[[Any, int], Any], values: Sequence[float]
     for value in values:
         for seed in range(SEEDS[name]):
             words = {"ticks": TICKS, "world": world_digest(scenarios.load(name))}
-
-            def compute(value=value, seed=seed) -> Any:
-                return live(value, seed)
-
-            found.append(Part(f"{value:g}-seed-{seed}", words, seconds, compute))
+            found.append(Part(f"{value:g}-seed-{seed}", words, seconds, functools.partial(live, value, seed)))
     return found
 
 

@@ -66,7 +66,7 @@ def parts(e: Empathic) -> list[Part]:
     found = e.scripted()
     for condition in CONDITIONS:
 
-        def learn(condition=condition) -> list[float]:
+        def learn(condition: str = condition) -> list[float]:
             words = {"condition": condition, "weight": WEIGHT}
             return _means(episodes.hjb(e.name, words, e.seeds, e.ticks, e.cap))
 
@@ -77,7 +77,7 @@ def parts(e: Empathic) -> list[Part]:
         for condition in CONDITIONS:
             how = {"count": e.worlds, "steps": e.steps, "scale": e.scale, "cap": e.cap}
 
-            def train(condition=condition, seed=seed, how=how) -> list[float]:
+            def train(condition: str = condition, seed: int = seed, how: dict[str, Any] = how) -> list[float]:
                 words = {"condition": condition, "weight": WEIGHT, "perceived": False}
                 return _means([episodes.ppo(e.name, words, e.settings, seed=seed, **how)])
 

@@ -28,7 +28,7 @@ import numpy as np
 
 import ecology
 from ecology import EcologyError, Scenario, State, Tick, agents
-from ecology.agents import evaluation
+from ecology.agents import evaluation, lives
 from ecology.agents.base import Learner
 from ecology.errors import writable
 from ecology.lab.certificate.report import markdown
@@ -144,22 +144,22 @@ def lived(run: Run) -> dict[str, Any]:
     drive, span = run.tally.drives(learner.group.name)
     return {
         "last_tenth": float(drive[-max(1, len(drive) // 10) :].mean()),
-        "regulated_from": evaluation.regulated_from(drive, BOUND, span=span),
+        "regulated_from": lives.regulated_from(drive, BOUND, span=span),
         "wall_seconds": float(run.tally.seconds[0]),
         "cpu_seconds": float(run.tally.seconds[1]),
     }
 
 
-def _life(run: Run, ticks: int, epsilon: float) -> tuple[evaluation.Life, dict[str, Any]]:
+def _life(run: Run, ticks: int, epsilon: float) -> tuple[lives.Life, dict[str, Any]]:
     """Return a frozen life and its measures."""
     scenario, learner = _mind(run)
-    life = evaluation.fresh_life(scenario, learner, ticks, run.plan.seed + EVALUATION_SEED, epsilon)
-    series = evaluation.drive_series(life, min(SKIP, ticks // 10))
-    worst = evaluation.worst_block(series)
+    life = lives.fresh_life(scenario, learner, ticks, run.plan.seed + EVALUATION_SEED, epsilon)
+    series = lives.drive_series(life, min(SKIP, ticks // 10))
+    worst = lives.worst_block(series)
     return life, {
         "mean_drive": float(series.mean()),
         "worst_block": worst and worst["mean"],
-        "stuck": evaluation.stuck(life, learner.group, STUCK),
+        "stuck": lives.stuck(life, learner.group, STUCK),
     }
 
 
@@ -167,7 +167,7 @@ def frozen(run: Run, life: int) -> dict[str, Any]:
     """Return the measures of a frozen life with exploration, and what f, J and the choices are worth in it."""
     scenario, learner = _mind(run)
     seed = run.plan.seed + EVALUATION_SEED
-    own, told = _life(run, life, evaluation.EPSILON)
+    own, told = _life(run, life, lives.EPSILON)
     maps = evaluation.maps_of(scenario, learner)
     if maps is not None:
         mapped = evaluation.maps_report(maps, scenario, learner.group).values()
@@ -176,15 +176,15 @@ def frozen(run: Run, life: int) -> dict[str, Any]:
         told["minima_within_1"] = sum(each["minimum_within_1"] for each in mapped)
     probed = evaluation.probe(scenario, learner, seed, PROBES)
     told["probe"] = float(np.mean([each["share_right"] for each in probed.values()]))
-    gamma, lives = getattr(getattr(learner, "settings", None), "gamma", None), [own]
+    gamma, watched = getattr(getattr(learner, "settings", None), "gamma", None), [own]
     if gamma is not None:
         rng, far = np.random.default_rng(seed), evaluation.horizon(gamma, learner.group.dt)
         starts = evaluation.random_starts(scenario, learner, seed, evaluation.STARTS, far + far // 4)
-        lives += starts
+        watched += starts
         for name, from_ in (("life", [(own, 0, min(SKIP, life // 10))]), ("starts", [(each, 0, 0) for each in starts])):
             check = evaluation.compare_deviation(learner, from_, gamma, evaluation.STATES, rng).report()
             told[f"bias_{name}"], told[f"correlation_{name}"] = check["bias"], check["correlation"]
-    checked = evaluation.transition_check(scenario, learner, lives, seed)
+    checked = evaluation.transition_check(scenario, learner, watched, seed)
     shares = {
         name: row["share_explained"] for name, row in (checked or {}).items() if row["share_explained"] is not None
     }
@@ -202,24 +202,24 @@ def greedy(run: Run, life: int) -> dict[str, Any]:
 def moved(run: Run) -> dict[str, Any]:
     """Return how soon the learner recovers, learning on, after a food was moved to the other end of the arena.
 
-    It has recovered at the first tick, `evaluation.WINDOW` or more after the move, at which the running mean is back
+    It has recovered at the first tick, `lives.WINDOW` or more after the move, at which the running mean is back
     within `BACK` of what it was in the same span before the move.
     """
     _, learner = _mind(run)
     name, at = learner.group.name, run.now
     drive, span = run.tally.drives(name)
-    before = float(drive[-max(1, evaluation.WINDOW // span) :].mean())
+    before = float(drive[-max(1, lives.WINDOW // span) :].mean())
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "moved"
         forked = fork(run, at, out, changes={}, move={MOVED: PLACE}, ticks=at + ADAPTS, record=False)
         after, tick = Drives(learner.group.slots), at
         while tick < at + ADAPTS:
-            tick = min(tick + evaluation.WINDOW // 2, at + ADAPTS)
+            tick = min(tick + lives.WINDOW // 2, at + ADAPTS)
             forked.live_on(tick, [after])
-            if len(after.rows) >= evaluation.WINDOW:
-                back = np.flatnonzero(evaluation.running_mean(np.array(after.rows)) <= BACK * before)
+            if len(after.rows) >= lives.WINDOW:
+                back = np.flatnonzero(lives.running_mean(np.array(after.rows)) <= BACK * before)
                 if back.size:
-                    return {"before": before, "recovered_after": evaluation.WINDOW + int(back[0])}
+                    return {"before": before, "recovered_after": lives.WINDOW + int(back[0])}
     return {"before": before, "recovered_after": None}
 
 
@@ -376,9 +376,9 @@ def jobs(out: Path, seeds: Sequence[int], ticks: int, life: int, settings: Mappi
 
     What is measured by other code, with other settings or on another processor lies in another folder.
     """
-    if life < 2 * SKIP or ticks < evaluation.WINDOW:
+    if life < 2 * SKIP or ticks < lives.WINDOW:
         raise EcologyError(
-            f"--life must be at least {2 * SKIP} ticks and --ticks at least {evaluation.WINDOW}; got {life} and "
+            f"--life must be at least {2 * SKIP} ticks and --ticks at least {lives.WINDOW}; got {life} and "
             f"{ticks}. Pass more."
         )
     plan = resolve(WORLD, changes=settings, ticks=ticks)

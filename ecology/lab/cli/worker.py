@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from ecology.agents import evaluation
+from ecology.agents import lives
 from ecology.errors import EcologyError
 from ecology.lab.cli import main
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
@@ -40,10 +40,10 @@ def measure(folder: Path) -> None:
     run = open_run(folder, device="cpu")
     run.restore()
     learner = next(iter(run.learners.values()))
-    life = evaluation.fresh_life(run.scenario, learner, EVALUATED, run.plan.seed + EVALUATION_SEED)
+    life = lives.fresh_life(run.scenario, learner, EVALUATED, run.plan.seed + EVALUATION_SEED)
     told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     for key, own in ((LEARNED, False), (LEARNED_OWN, True)):
-        drives = evaluation.drive_series(life, SKIPPED, own=own)
+        drives = lives.drive_series(life, SKIPPED, own=own)
         told[key] = float(drives.mean()) if len(drives) else None
     write_json(folder / SUMMARY, told)
 
