@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from ecology.model import Group
     from ecology.world import Tick
 
-faults.HOUSE.add(str(Path(__file__).parent))
-
 # name -> module, class, the mapping in the module that holds its settings where they are not the
 # defaults, and a line for `ecology list`; loaded when asked for
 LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
@@ -52,6 +50,10 @@ LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
     "qvalue": ("ecology.agents.baselines", "QValue", None, "the least mean drive seen after an action"),
 }
 
+HERE = Path(__file__).parent
+faults.HOUSE.add(str(HERE))
+faults.SHIPPED.update(str(HERE / f"{module.rpartition('.')[2]}.py") for module, *_ in LEARNERS.values())
+
 
 def learner_class(name: str) -> type[Learner]:
     """Return the class of the learner `name`, or of one in a file: "path.py", or "path.py:Class" where it has several.
@@ -59,10 +61,8 @@ def learner_class(name: str) -> type[Learner]:
     Loading a file runs its code: load only files that you trust.
     """
     if name in LEARNERS:
-        module_name, cls, _, _ = LEARNERS[name]
-        module = importlib.import_module(module_name)
-        faults.SHIPPED.add(str(module.__file__))
-        return getattr(module, cls)
+        module, cls, _, _ = LEARNERS[name]
+        return getattr(importlib.import_module(module), cls)
     own = re.fullmatch(r"(.+\.py)(?::(\w+))?", name)
     if not own:
         raise EcologyError(
