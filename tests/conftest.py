@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # many small arrays: threads only cost
@@ -46,6 +49,15 @@ def pytest_configure(config: pytest.Config) -> None:
         return default_rng(seed if whole else SeedSequence(seed))
 
     np.random.SeedSequence, np.random.default_rng = SeedSequence, mixed_rng  # type: ignore[misc, assignment]
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile what the tests use before several workers would do so at once."""
+    if hasattr(session.config, "workerinput") or not session.config.getoption("numprocesses", None):
+        return
+    words = [sys.executable, str(Path(__file__).parent / "compile_kernels.py")]
+    for process in [subprocess.Popen([*words, what]) for what in ("worlds", "learners")]:
+        process.wait()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
