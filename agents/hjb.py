@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ecology import EcologyError, Group
+from ecology import EcologyError, Group, elementary
 from ecology.agents import device as devices
 from ecology.agents import kernels
 from ecology.agents.base import DivergedError, Learner, Transition, drive_terms
@@ -316,7 +316,7 @@ class HJB(Learner):
             epsilon=f4(layout.epsilon),
             exponent=f4(exponent),
             sharp=f4(s.place_width**-2),
-            log_gamma=f4(math.log(s.gamma)),
+            log_gamma=f4(elementary.logarithm(s.gamma)),
             dt=f4(self.group.dt),
             centre_j=f4(worst * J_CENTRE),
             spread_j=f4(worst * J_SPREAD),
@@ -406,7 +406,7 @@ class HJB(Learner):
         if self.exploration is not None:
             return np.full(self.size, self.exploration)
         s = self.settings
-        left = np.exp(-self.age * self.group.dt / s.youth)
+        left = elementary.exp(-self.age * self.group.dt / s.youth)
         return s.epsilon_final + (s.epsilon - s.epsilon_final) * left
 
     def _hope(self) -> None:
@@ -417,7 +417,7 @@ class HJB(Learner):
         """
         if self.hopes:
             s, level = self.settings, self.curiosity.level * (self.exploration is None)
-            young = np.exp(-self.age * self.group.dt / s.youth) * self.senses.centre_j / J_CENTRE
+            young = elementary.exp(-self.age * self.group.dt / s.youth) * self.senses.centre_j / J_CENTRE
             hope = np.column_stack([s.optimism * level, s.optimism_young * level * young])
             self.hope[...] = self.device.on(hope.astype(np.float32))
 

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-import scipy.linalg  # noqa: F401  (np.dot calls its BLAS: to be loaded before threads are limited)
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
 from ecology.compiler_cache import use_cache
+from ecology.elementary import cosine_and_sine, power
 
 use_cache(__file__)
 
@@ -46,10 +46,9 @@ STALE = F(1e-4)  # squared distance by which a decision counts as farther per de
 Array = Any  # of NumPy, or as another device holds it
 
 FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
-# no assumption about NaN or infinity: what diverges must be seen
-compiled = numba.njit(fastmath={"reassoc", "contract", "arcp", "nsz"}, **FLAGS)
+# no fast mathematics: every operation is rounded as it is written, so all processors give the same bits
+compiled = numba.njit(**FLAGS)
 lowered: Any = intrinsic  # to LLVM's own instructions
-exactly = numba.njit(fastmath={"contract"}, **FLAGS)  # additions in the order in which they are written
 
 
 class Senses(NamedTuple):
@@ -321,14 +320,164 @@ def _transfer(builder: Any, instruction: str, word: Any = None) -> Any:
     return builder.load(place)
 
 
-@exactly
+@lowered
+def fused(_, a, b, c):  # type: ignore[no-untyped-def]
+    """Return a b + c, rounded once, for float32: the same on every processor."""
+
+    def multiply_add(_context, builder, _, args):  # type: ignore[no-untyped-def]
+        return builder.fma(*args)
+
+    return types.float32(types.float32, types.float32, types.float32), multiply_add
+
+
+def _fma(builder: Any, kind: Any, *numbers: Any) -> Any:
+    """Emit a b + c of vectors, rounded once."""
+    name = f"llvm.fma.v{kind.count}f32" if isinstance(kind, ir.VectorType) else "llvm.fma.f32"
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind] * 3), name)
+    return builder.call(function, numbers)
+
+
+def tiles(rows, lanes):  # type: ignore[no-untyped-def]
+    """Return a function that fills a tile of `rows` times `lanes` of a product of matrices."""
+
+    @lowered
+    def tile(_, a, b, out, row, column):  # type: ignore[no-untyped-def]
+        """Fill the tile of out (R, C) at row, column with a (R, K) times b (K, C), whose rows are without gaps.
+
+        Every element is a chain of fused multiplications and additions in the order of K, whatever the tile: so the
+        result depends neither on the width of vectors nor on where a tile begins.
+        """
+
+        def fill(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            kinds = signature.args
+            a_, b_, out_ = (context.make_array(kinds[i])(context, builder, args[i]) for i in range(3))
+            number, byte = ir.FloatType(), ir.IntType(8)
+            vector = ir.VectorType(number, lanes) if lanes > 1 else number
+            size = ir.Constant(args[3].type, 4)
+
+            def at(array, *offsets):  # type: ignore[no-untyped-def]
+                pointer = builder.bitcast(array.data, byte.as_pointer())
+                for index, stride in offsets:
+                    pointer = builder.gep(pointer, [builder.mul(index, stride)])
+                return pointer
+
+            a_row, a_column = cgutils.unpack_tuple(builder, a_.strides, 2)
+            b_row, _ = cgutils.unpack_tuple(builder, b_.strides, 2)
+            out_row, _ = cgutils.unpack_tuple(builder, out_.strides, 2)
+            _, depth = cgutils.unpack_tuple(builder, a_.shape, 2)
+            from_a, from_b = at(a_, (args[3], a_row)), at(b_, (args[4], size))
+            to = at(out_, (args[3], out_row), (args[4], size))
+            sums = [cgutils.alloca_once_value(builder, ir.Constant(vector, None)) for _ in range(rows)]
+            lane = ir.Constant(ir.VectorType(ir.IntType(32), max(lanes, 1)), None)
+            with cgutils.for_range(builder, depth, intp=args[3].type) as loop:
+                here = builder.gep(from_b, [builder.mul(loop.index, b_row)])
+                many = builder.load(builder.bitcast(here, vector.as_pointer()), align=4)
+                along = builder.gep(from_a, [builder.mul(loop.index, a_column)])
+                for i, total in enumerate(sums):
+                    step = builder.mul(ir.Constant(args[3].type, i), a_row)
+                    one = builder.load(builder.bitcast(builder.gep(along, [step]), number.as_pointer()), align=4)
+                    if lanes > 1:
+                        undefined = ir.Constant(vector, ir.Undefined)
+                        one = builder.insert_element(undefined, one, ir.Constant(ir.IntType(32), 0))
+                        one = builder.shuffle_vector(one, undefined, lane)
+                    builder.store(_fma(builder, vector, one, many, builder.load(total)), total)
+            for i, total in enumerate(sums):
+                place = builder.gep(to, [builder.mul(ir.Constant(args[3].type, i), out_row)])
+                builder.store(builder.load(total), builder.bitcast(place, vector.as_pointer()), align=4)
+            return context.get_dummy_value()
+
+        return types.void(a, b, out, types.intp, types.intp), fill
+
+    return tile
+
+
+ROWS, LANES = 6, 16  # of a large tile
+tile_6_16, tile_1_16 = tiles(ROWS, LANES), tiles(1, LANES)
+tile_6_4, tile_1_4 = tiles(ROWS, 4), tiles(1, 4)
+tile_6_1, tile_1_1 = tiles(ROWS, 1), tiles(1, 1)
+
+
+@lowered
+def dot(_, a, b):  # type: ignore[no-untyped-def]
+    """Return the product of two rows (k,) without gaps, k a multiple of 16: 16 chains, added as a tree."""
+
+    def work(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        a_, b_ = (context.make_array(signature.args[i])(context, builder, args[i]) for i in range(2))
+        vector = ir.VectorType(ir.FloatType(), LANES)
+        (length,) = cgutils.unpack_tuple(builder, a_.shape, 1)
+        total = cgutils.alloca_once_value(builder, ir.Constant(vector, None))
+        blocks = builder.udiv(length, ir.Constant(length.type, LANES))
+        with cgutils.for_range(builder, blocks, intp=length.type) as loop:
+            at = builder.mul(loop.index, ir.Constant(length.type, LANES))
+            left, right = (
+                builder.load(builder.bitcast(builder.gep(each.data, [at]), vector.as_pointer()), align=4)
+                for each in (a_, b_)
+            )
+            builder.store(_fma(builder, vector, left, right, builder.load(total)), total)
+        sums, width = builder.load(total), LANES
+        while width > 1:
+            width //= 2
+            halves = [
+                builder.shuffle_vector(
+                    sums, sums, ir.Constant(ir.VectorType(ir.IntType(32), width), list(range(start, start + width)))
+                )
+                for start in (0, width)
+            ]
+            sums = builder.fadd(*halves)
+        return builder.extract_element(sums, ir.Constant(ir.IntType(32), 0))
+
+    return types.float32(a, b), work
+
+
+@compiled
+def multiply(a, b, out):
+    """Fill out (R, C) with a (R, K) times b (K, C), whose rows are without gaps; the same bits on every processor."""
+    rows, columns = out.shape
+    r = 0
+    while r < rows:
+        c = 0
+        if rows - r >= ROWS:
+            while columns - c >= LANES:
+                tile_6_16(a, b, out, r, c)
+                c += LANES
+            while columns - c >= 4:
+                tile_6_4(a, b, out, r, c)
+                c += 4
+            while c < columns:
+                tile_6_1(a, b, out, r, c)
+                c += 1
+            r += ROWS
+        else:
+            while columns - c >= LANES:
+                tile_1_16(a, b, out, r, c)
+                c += LANES
+            while columns - c >= 4:
+                tile_1_4(a, b, out, r, c)
+                c += 4
+            while c < columns:
+                tile_1_1(a, b, out, r, c)
+                c += 1
+            r += 1
+
+
+@compiled
+def turned_over(w):
+    """Return w (k, H) as (H, k), rows without gaps."""
+    found = np.empty((w.shape[1], w.shape[0]), F)
+    for k in range(w.shape[0]):
+        for h in range(w.shape[1]):
+            found[h, k] = w[k, h]
+    return found
+
+
+@compiled
 def exp32(x):
     """Return e^x for x > -87 within 3e-7 of itself, in instructions that vectorise."""
-    biased = np.int32(x * LOG2E + HALF + BIAS)  # the exponent of the result, as float32 holds it
+    biased = np.int32(fused(x, LOG2E, HALF) + BIAS)  # the exponent of the result, as float32 holds it
     n = F(biased) - BIAS
-    r = x - n * LN2_HIGH - n * LN2_LOW
-    p = (((((E6 * r + E5) * r + E4) * r + E3) * r + E2) * r + E1) * r * r + r + ONE
-    return p * np.int32(biased << np.int32(23)).view(F)
+    r = fused(-n, LN2_LOW, fused(-n, LN2_HIGH, x))
+    p = fused(fused(fused(fused(fused(E6, r, E5), r, E4), r, E3), r, E2), r, E1)
+    return (fused(p, r * r, r) + ONE) * np.int32(biased << np.int32(23)).view(F)
 
 
 @compiled
@@ -374,8 +523,8 @@ def features(s, zeta, centres, x):
             row[at] = (zeta[r, p] - s.centre[p]) * s.inverse[p]
             at += 1
         for p in s.angle:
-            row[at] = math.cos(zeta[r, p])
-            row[at + len(s.angle)] = math.sin(zeta[r, p])
+            cosine, sine = cosine_and_sine(np.float64(zeta[r, p]))
+            row[at], row[at + len(s.angle)] = F(cosine), F(sine)
             at += 1
         if cells:
             here_x, here_y, sharp = zeta[r, s.place[0]], zeta[r, s.place[1]], s.sharp * HALF
@@ -383,6 +532,14 @@ def features(s, zeta, centres, x):
             for c in range(cells):
                 gap_x, gap_y = here_x - centre_x[c], here_y - centre_y[c]
                 bumps[c] = exp32(max(-sharp * (gap_x * gap_x + gap_y * gap_y), FAR))
+
+
+@compiled
+def raised(x, exponent):
+    """Return x^exponent of x > 0."""
+    if exponent == HALF:
+        return math.sqrt(x)
+    return ONE / math.sqrt(x) if exponent == -HALF else F(power(np.float64(x), np.float64(exponent)))
 
 
 @compiled
@@ -395,7 +552,7 @@ def drive(s, zeta, own):
     for v in range(len(own)):
         total += own[v] * own[v]
         felt += s.felt[v] * zeta[v]
-    return (math.sqrt(total) if s.exponent == ONE else total ** (s.exponent * HALF)) + felt
+    return raised(total, s.exponent * HALF) + felt
 
 
 @compiled
@@ -406,7 +563,7 @@ def add_drive_slope(s, zeta, own, slope):
     for v in range(len(own)):
         total += own[v] * own[v]
         slope[v] += s.felt[v]
-    factor = ONE / math.sqrt(total) if s.exponent == ONE else s.exponent * total ** (s.exponent * HALF - ONE)
+    factor = s.exponent * raised(total, s.exponent * HALF - ONE)
     for e in range(len(s.mix_from)):
         slope[s.mix_from[e]] += factor * own[s.mix_to[e]] * s.mix_weight[e]
 
@@ -414,46 +571,25 @@ def add_drive_slope(s, zeta, own, slope):
 @compiled
 def output(row, w, b):
     """Return w . row + b, a single output."""
-    total = b
+    if len(row) % LANES == 0:
+        return dot(w, row) + b
+    total = ZERO
     for h in range(len(row)):
-        total += w[h] * row[h]
-    return total
-
-
-@exactly
-def product_of_few(x, w, out):
-    """Fill out (b, H) with x (b, k) times w (k, H), four rows of w at a time; sums are taken in the order of k."""
-    fours = len(w) - len(w) % 4
-    for r in range(len(x)):
-        row, factor = out[r], x[r]
-        row[:] = ZERO
-        for k in range(0, fours, 4):
-            w0, w1, w2, w3 = w[k], w[k + 1], w[k + 2], w[k + 3]
-            for h in range(len(row)):
-                total = row[h] + factor[k] * w0[h]
-                total += factor[k + 1] * w1[h]
-                total += factor[k + 2] * w2[h]
-                row[h] = total + factor[k + 3] * w3[h]
-        for k in range(fours, len(w)):
-            w0 = w[k]
-            for h in range(len(row)):
-                row[h] += factor[k] * w0[h]
+        total = fused(w[h], row[h], total)
+    return total + b
 
 
 @compiled
 def product(x, w, out):
     """Fill out (b, H) with x (b, k) times w (k, H)."""
-    if len(x) > FEW:
-        np.dot(x, w, out)
-    else:
-        product_of_few(x, w, out)
+    multiply(x, w, out)
 
 
 @compiled
 def product_back(g, w, out):
     """Fill out (b, k) with g (b, H) times the transpose of w (k, H)."""
     if len(g) > FEW:
-        np.dot(g, w.T, out)
+        multiply(g, turned_over(w), out)
         return
     for r in range(len(g)):
         for k in range(len(w)):
@@ -504,7 +640,7 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked, ro
     relu_layer(hidden, w2, b2, hidden2)
     raw = shaped(room.outputs, rows, len(w3))
     if rows > FEW:  # else only what is open, below
-        np.dot(hidden2, w3.T, raw)
+        product_back(hidden2, w3, raw)
     count = 0
     for r in range(rows):
         d = drive(s, zeta[r], room.own)
@@ -523,7 +659,7 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked, ro
                 for v in range(parts):
                     change = (raw[r, o + v] + b3[o + v]) * s.unit[v]
                     ahead[v] = min(max(zeta[r, v] + change, s.low[v]), s.high[v])
-                keep = math.exp(tau * s.log_gamma)
+                keep = exp32(max(tau * s.log_gamma, F(-80.0)))
                 out[r, m] = (ONE - keep) * HALF * (d + drive(s, ahead, room.own))
                 room.keep[count] = keep
                 room.which[count] = r * s.movements + m
@@ -620,7 +756,7 @@ def look_ahead(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked
         relu_layer(x, w1[:k], b1, h1)
         relu_layer(h1, w2, b2, h2)
         raw = shaped(room.outputs, nodes, len(w3))
-        np.dot(h2, w3.T, raw)
+        product_back(h2, w3, raw)
         count = 0
         for r in range(nodes):
             here = beam.state[r]
@@ -636,7 +772,7 @@ def look_ahead(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked
                 for v in range(parts):
                     change = (raw[r, o + v] + b3[o + v]) * s.unit[v] + beam.bias[m, v]
                     ahead[v] = min(max(here[v] + change, s.low[v]), s.high[v])
-                keep = F(math.exp(tau * s.log_gamma))
+                keep = exp32(max(tau * s.log_gamma, F(-80.0)))
                 beam.next_cost[count] = beam.cost[r] + beam.keep[r] * (ONE - keep) * HALF * (
                     d + drive(s, ahead, room.own)
                 )
@@ -853,8 +989,8 @@ def tangents(s, zeta, x, rate, centres, tangent):
 @compiled
 def moved(w, g, m, v, size, floor):
     """Return one weight and its moments after a step of Adam (Kingma and Ba 2015) along its gradient g."""
-    first = m + (ONE - BETA1) * (g - m)
-    second = BETA2 * v + (ONE - BETA2) * g * g
+    first = fused(ONE - BETA1, g - m, m)
+    second = fused(BETA2, v, (ONE - BETA2) * g * g)
     return w - size * first / (math.sqrt(second) + floor), first, second
 
 
@@ -1007,7 +1143,7 @@ def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
             goal = min(duration[r], LONGEST) if v == parts else after[r, v] - zeta[r, v]
             for p in s.angle:
                 if p == v:
-                    goal = F(math.atan2(math.sin(goal), math.cos(goal)))
+                    goal -= TURN * F(math.floor(goal / TURN + HALF))
             o = movement[r] * (parts + 1) + v
             weight, slot = w3[o], g3[o]
             error = output(row, weight, b3[o]) - goal / s.unit[v]
@@ -1026,8 +1162,8 @@ def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
     sum_rows(back1, gb1)
     sum_rows(back2, gb2)
     if rows > FEW:
-        np.dot(x.T, back1, g1[:k])
-        np.dot(h1.T, back2, g2)
+        multiply(x.T, back1, g1[:k])
+        multiply(h1.T, back2, g2)
     return loss
 
 
@@ -1093,8 +1229,8 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
     sum_rows(back1[:b], gb1)
     sum_rows(h2[:b], gb2)
     if rows > FEW:
-        np.dot(x.T, back1, g1[:k])
-        np.dot(h1.T, h2, g2)
+        multiply(x.T, back1, g1[:k])
+        multiply(h1.T, h2, g2)
     return loss
 
 
@@ -1429,5 +1565,5 @@ def forecast(s, zeta, f_row, centres, cells, room, out):
     h1, h2 = shaped(room.first, rows, s.width), shaped(room.second, rows, s.width)
     relu_layer(x, w1[:k], b1, h1)
     relu_layer(h1, w2, b2, h2)
-    np.dot(h2, w3.T, out)
+    product_back(h2, w3, out)
     out += b3

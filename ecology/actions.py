@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import kernels
+from ecology import elementary, kernels
 from ecology.errors import EcologyError
 from ecology.spec import Resource, Species
 from ecology.state import Bools, Floats, Ints, State
@@ -137,7 +137,7 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
         )  # fmt: skip
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
-        state.heading[rows] = direction[rows] = np.arctan2(way[rows, 1], way[rows, 0])
+        state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
 

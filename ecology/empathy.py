@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import physiology
+from ecology import elementary, physiology
 from ecology.neighbours import Pairs
 from ecology.physiology import Body
 from ecology.plane import Plane
@@ -95,7 +95,7 @@ def matrix(
         weight *= (parent == theirs) | (their_parent == mine) | ((parent == their_parent) & (parent >= 0))
     if np.isfinite(e.within):
         gap = plane.gap(state.position[rows, None], state.position[others])
-        weight *= np.hypot(gap[..., 0], gap[..., 1]) <= e.within
+        weight *= elementary.hypot(gap[..., 0], gap[..., 1]) <= e.within
     if e.sight and pairs is not None and seen is not None:
         sees = np.zeros((len(weight), len(state.alive)), bool)
         who = pairs.who - rows.start

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from ecology.compiler_cache import use_cache
+from ecology.elementary import angle_of, cosine_and_sine
 from ecology.state import Bools, Floats, Ints
 
 use_cache(__file__)
@@ -195,7 +196,7 @@ def _aside(dx: float, dy: float, d: float, heading: float, cos: float, sin: floa
         return False
     if ahead < (edge - 1e-9) * d:
         return True
-    turn = math.atan2(dy, dx) - heading
+    turn = angle_of(dy, dx) - heading
     return abs((turn + math.pi) % (2 * math.pi) - math.pi) > half + 1e-12
 
 
@@ -224,7 +225,7 @@ def in_view(
     for i in range(len(starts) - 1):
         if not looks[i] or starts[i] == starts[i + 1]:
             continue
-        cos, sin, edge = math.cos(heading[i]), math.sin(heading[i]), math.cos(half_angle[i])
+        (cos, sin), edge = cosine_and_sine(heading[i]), cosine_and_sine(half_angle[i])[0]
         walls = 0 if open_ else _near_walls(position[i], range_[i], wall_from, wall_along, near)
         for p in range(starts[i], starts[i + 1]):
             if distance[p] > range_[i]:
@@ -292,7 +293,7 @@ def around(
         if not alive[i]:
             continue
         near[:], far[:], any_[:] = np.inf, np.inf, np.inf
-        cos, sin, edge = math.cos(heading[i]), math.sin(heading[i]), math.cos(half_angle[i])
+        (cos, sin), edge = cosine_and_sine(heading[i]), cosine_and_sine(half_angle[i])[0]
         walls = 0 if open_ else _near_walls(position[i], range_[i], wall_from, wall_along, near_walls)
         for r in range(count):
             dx = _way(position[i, 0], patches[r, 0], size[0], torus)
@@ -404,7 +405,7 @@ def nearest_seen(
         i = first + row
         if starts[i] == starts[i + 1]:
             continue
-        cos, sin, edge = math.cos(heading[i]), math.sin(heading[i]), math.cos(half_angle[i])
+        (cos, sin), edge = cosine_and_sine(heading[i]), cosine_and_sine(half_angle[i])[0]
         walls = 0 if open_ else _near_walls(position[i], range_[i], wall_from, wall_along, near)
         have = 0
         for p in range(starts[i], starts[i + 1]):
@@ -451,8 +452,8 @@ def write_patches(
             continue
         dx = _way(position[i, 0], places[r, 0], size[0], torus)
         dy = _way(position[i, 1], places[r, 1], size[1], torus)
-        zeta[row, column] = min(math.hypot(dx, dy), far)
-        zeta[row, column + 1] = wrapped(math.atan2(dy, dx) - heading[i])
+        zeta[row, column] = min(math.sqrt(dx * dx + dy * dy), far)
+        zeta[row, column + 1] = wrapped(angle_of(dy, dx) - heading[i])
         if full:
             zeta[row, column + 2] = stock[r] / capacity[r]
 
@@ -607,7 +608,7 @@ def decide(
             bound_for[i] = r
             way[i, 0] = _way(position[i, 0], patches[r, 0], size[0], torus)
             way[i, 1] = _way(position[i, 1], patches[r, 1], size[1], torus)
-            speed[i] = min(speed[i], math.hypot(way[i, 0], way[i, 1]) / dt)
+            speed[i] = min(speed[i], math.sqrt(way[i, 0] * way[i, 0] + way[i, 1] * way[i, 1]) / dt)
             going += 1
         else:
             heading[i] = (heading[i] + acts_turn[a] * dt + math.pi) % (2 * math.pi) - math.pi
@@ -620,7 +621,8 @@ def velocities(direction: Floats, speed: Floats) -> Floats:
     """Return the velocity (n, 2) of each direction and speed (n,)."""
     found = np.empty((len(speed), 2))
     for i in range(len(speed)):
-        found[i, 0], found[i, 1] = math.cos(direction[i]) * speed[i], math.sin(direction[i]) * speed[i]
+        cosine, sine = cosine_and_sine(direction[i])
+        found[i, 0], found[i, 1] = cosine * speed[i], sine * speed[i]
     return found
 
 
@@ -730,7 +732,7 @@ def glide(
             changed = True
             x, y = corners[wall, 0], corners[wall, 1]
             along_x, along_y = x - corners[wall - 1, 0], y - corners[wall - 1, 1]
-            length = math.hypot(along_x, along_y)
+            length = math.sqrt(along_x * along_x + along_y * along_y)
             inward_x, inward_y = -along_y / length, along_x / length
             was = (ax - x) * inward_x + (ay - y) * inward_y  # how far from the wall
             would = (bx - x) * inward_x + (by - y) * inward_y

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import physiology
+from ecology import elementary, physiology
 from ecology.kernels import inside_polygon, stays
 from ecology.plane import plane_of
 from ecology.senses import wrap
@@ -145,7 +145,7 @@ def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, ali
 def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Generator) -> Ints:
     """Return which of those `able` (n,) bear in a tick, at most as many as slots are `free`, in random order."""
     drawn = rng.random((2, len(able)))
-    who = np.flatnonzero(able & (drawn[0] < -np.expm1(-birth.rate * dt)))
+    who = np.flatnonzero(able & (drawn[0] < -elementary.expm1(-birth.rate * dt)))
     return who[np.argsort(drawn[1, who])][:free]
 
 
@@ -156,7 +156,7 @@ def beside(arena: Arena, walls: Floats, position: Floats, radius: float, rng: np
     where no one has room, the newborn starts where its parent is.
     """
     angle = rng.uniform(-np.pi, np.pi, len(position))[:, None] + 2 * np.pi / AROUND * np.arange(AROUND)
-    way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # (k, AROUND, 2)
+    way = np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)  # (k, AROUND, 2)
     places = position[:, None] + 2.0 * radius * way
     plane = plane_of(arena)
     if plane.torus:
@@ -173,7 +173,7 @@ def _room(walls: Floats, points: Floats) -> Floats:
     along = np.roll(walls, -1, axis=0) - walls
     offset = points[:, None] - walls
     share = np.clip((offset * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
-    return np.hypot(*np.moveaxis(offset - share[..., None] * along, -1, 0)).min(axis=1)
+    return elementary.hypot(*np.moveaxis(offset - share[..., None] * along, -1, 0)).min(axis=1)
 
 
 # ---- deaths ----------------------------------------------------------------------------------
@@ -215,5 +215,5 @@ def die(model: Model, state: State, internal: Floats, met: Met, rng: np.random.G
 def fails(hazard: Hazard, age: Floats, dt: float, rng: np.random.Generator) -> Bools:
     """Return who of age (n,) dies by chance in a tick: the exact probability of a Gompertz hazard, (n,)."""
     c = hazard.ageing
-    span = dt if c == 0 else np.exp(c * age) * np.expm1(c * dt) / c
-    return rng.random(len(age)) < -np.expm1(-hazard.rate * span)
+    span = dt if c == 0 else elementary.exp(c * age) * elementary.expm1(c * dt) / c
+    return rng.random(len(age)) < -elementary.expm1(-hazard.rate * span)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import kernels
+from ecology import elementary, kernels
 from ecology.errors import EcologyError, nearest
 from ecology.kernels import inside_polygon
 from ecology.neighbours import Pairs
@@ -274,7 +274,7 @@ def succeed(attackers: Ints, victims: Ints, chance: Floats, dt: float, slots: in
     `chance` (k,) is per unit of time. Numbers are drawn for all `slots`, so that they do not depend on who bites.
     """
     drawn, order = rng.random((2, slots))
-    success = drawn[attackers] < 1.0 - (1.0 - chance) ** dt
+    success = drawn[attackers] < 1.0 - elementary.power(1.0 - chance, dt)
     winner = np.full(slots, np.inf)
     np.minimum.at(winner, victims[success], order[attackers[success]])
     return success & (order[attackers] == winner[victims])

@@ -15,6 +15,7 @@ import numpy as np
 import pymunk
 import pymunk.batch
 
+from ecology import elementary
 from ecology.kernels import command_bodies, fastest, glide
 from ecology.plane import corners_of, plane_of
 from ecology.spec import Arena
@@ -29,7 +30,7 @@ SPATIAL_HASH_FROM = 300  # bodies; below, pymunk's default tree is faster
 NOWHERE = np.empty((0, 2))
 MOVE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 COMMAND = MOVE | pymunk.batch.BodyFields.FORCE
-SOLVER = ("space", "shapes", "_buffer", "_command")  # attributes that a copy builds anew
+SOLVER = ("space", "shapes", "_buffer", "_command", "_step")  # attributes that a copy builds anew
 
 
 class Physics:
@@ -63,6 +64,7 @@ class Physics:
         if not self.touches:
             return
         self.space = pymunk.Space()
+        self._step = 0.0  # duration for which the space is set up
         self.space.damping = 0.0  # a body without a command does not glide
         self.space.collision_slop = SLOP * self.smallest
         if self.count > SPATIAL_HASH_FROM:
@@ -116,7 +118,8 @@ class Physics:
         substeps = max(1, math.ceil(fastest(velocity) * dt / self.smallest - 1e-9))
         h = dt / substeps
         buffer, space = self._buffer, self.space
-        space.collision_bias = 0.8 ** (1.0 / h)  # a fifth of an overlap goes in one; more throws crowds about
+        if h != self._step:  # a fifth of an overlap goes in one unit of time; more throws crowds about
+            self._step, space.collision_bias = h, float(elementary.power(0.8, 1.0 / h))
         after, held = position, 0
         seen = position.copy() if substeps > 1 else NOWHERE
         bends = self._thick == 0 or substeps == 1

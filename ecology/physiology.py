@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import kernels
+from ecology import elementary, kernels
 from ecology.spec import Need, Species
 from ecology.state import Bools, Floats, Ints, State
 
@@ -90,7 +90,7 @@ def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0
     root = np.sqrt(epsilon + np.einsum("...v,...v->...", delta, delta))
     if isinstance(exponent, float) and exponent == 1.0:
         return root
-    return root if np.all(exponent == 1.0) else root**exponent
+    return root if np.all(exponent == 1.0) else elementary.power(root, exponent)
 
 
 def deviation(body: Body, internal: Floats) -> Floats:
@@ -105,7 +105,7 @@ def velocity(body: Body, internal: Floats, control: Floats, time: float, age: Fl
     """
     decay = body.decay
     if body.varies:
-        season = 1.0 + body.amplitude * np.sin(body.frequency * time + body.phase)
+        season = 1.0 + body.amplitude * elementary.sin(body.frequency * time + body.phase)
         decay = decay * season * (1.0 + body.ageing * age[:, None])
     if body.leaks:
         return np.where(body.proportional, control * internal, control) - decay - body.leak * internal

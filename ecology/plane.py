@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ecology import elementary
 from ecology.spec import Arena
 from ecology.state import Floats
 
@@ -21,7 +22,7 @@ class Plane:
     @property
     def diagonal(self) -> float:
         """Return the farthest that two points can be from each other."""
-        return float(np.hypot(*self.size)) / (2 if self.torus else 1)
+        return float(elementary.hypot(*self.size)) / (2 if self.torus else 1)
 
     def gap(self, start: Floats, end: Floats) -> Floats:
         """Return the shortest way from start to end (..., 2), as a vector."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import kernels
+from ecology import elementary, kernels
 from ecology.life import scatter_in
 from ecology.plane import plane_of
 from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource, Season, Species
@@ -209,7 +209,7 @@ def season_time(table: ResourceTable, time: float, dt: float) -> Floats:
     if not table.seasonal:
         return np.full(len(table.kind), dt)
     angle = table.frequency * time + table.phase
-    wave = np.cos(angle) - np.cos(angle + table.frequency * dt)
+    wave = elementary.cos(angle) - elementary.cos(angle + table.frequency * dt)
     return dt + np.divide(table.amplitude * wave, table.frequency, out=np.zeros_like(wave), where=table.frequency > 0)
 
 
@@ -226,11 +226,11 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
     if logistic.size:
         s, k = stock[logistic], table.capacity[logistic]
         rate = table.logistic[logistic] * span[logistic]
-        grown[logistic] = s * (k - s) * -np.expm1(-rate) / (s + (k - s) * np.exp(-rate))
+        grown[logistic] = s * (k - s) * -elementary.expm1(-rate) / (s + (k - s) * elementary.exp(-rate))
     exponential = np.flatnonzero((table.exponential > 0) & (stock > eaten))
     if exponential.size:
         rate = np.minimum(table.exponential[exponential] * span[exponential], 600.0)  # e^600 fills any stock
-        grown[exponential] = stock[exponential] * np.expm1(rate)
+        grown[exponential] = stock[exponential] * elementary.expm1(rate)
     finite = np.isfinite(stock)
     left = np.where(finite, stock - eaten, 0.0)  # not negative: a share is at most the stock
     grown = np.where(finite, np.minimum(grown, table.capacity - left), eaten)
@@ -314,7 +314,7 @@ def reflect(vertices: Floats, start: Floats, step: Floats) -> Floats:
         hit = int(np.argmin(t))
         if not np.isfinite(t[hit]):
             break
-        normal = np.array([-wall[hit, 1], wall[hit, 0]]) / np.hypot(*wall[hit])
+        normal = np.array([-wall[hit, 1], wall[hit, 0]]) / elementary.hypot(*wall[hit])
         here, last = here + t[hit] * along, hit
         there = there - 2.0 * ((there - here) @ normal) * normal
     else:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import kernels
+from ecology import elementary, kernels
 from ecology.empathy import own_weights
 from ecology.neighbours import Pairs
 from ecology.plane import Plane, corners_of, plane_of
@@ -194,7 +194,7 @@ def observe(model: Model, gaze: Gaze, state: State, seen: Perception) -> np.ndar
             zeta[:, column] = state.heading[rows]
         elif sense == "clock":
             angle = 2 * math.pi * state.time / (model.scenario.day or 1.0)
-            zeta[:, column : column + 2] = (math.cos(angle), math.sin(angle))
+            zeta[:, column : column + 2] = elementary.cosine_and_sine(angle)
         column += SENSES[sense]
     plane = model.plane
     for kind, full in zip(gaze.sees, gaze.full, strict=True):
@@ -227,7 +227,7 @@ def _observe_others(
         model.species_of, state.position, state.heading, eyes.half_angle, eyes.range, eyes.wall_from,
         eyes.wall_along, eyes.open,
     )  # fmt: skip
-    angle = np.arctan2(way[1], way[0])  # (n, k)
+    angle = elementary.arctan2(way[1], way[0])  # (n, k)
     kernels.write_others(
         zeta, column, gaze.far, found, angle, pairs.other, pairs.distance, gaze.rows.start, state.heading,
         sensed.heading, kind_of, kinds, model.species_of, columns, state.internal, model.body.set_point,
