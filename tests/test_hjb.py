@@ -102,7 +102,7 @@ def test_learned_deviation_function_converges_to_the_best_one(explores: bool) ->
 
 
 def test_walkers_go_to_the_food_from_either_side() -> None:
-    """In a corridor with food in the middle, hungry agents walk towards it from both ends: at least three of four do so."""
+    """In a corridor with food in the middle, three of four hungry agents or more walk towards it, from both ends."""
     n = 6
     species = Species(
         name="walker",
