@@ -14,7 +14,7 @@ import generate
 import ecology
 
 project = "ecology"
-author = "the ecology contributors"
+author = "the ecology sandbox authors"
 version = release = ecology.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc"]

@@ -187,7 +187,7 @@ def scenario(name: str) -> str:
     parts = [
         "### Settings\n",
         table(("setting", "default"), ((code(k), code(repr(v))) for k, v in scenarios.settings(name).items())),
-        prose(build.__doc__),
+        prose(build.__doc__).replace("Return ", "`build` returns ", 1),
         f"A run has {world.ticks:,} ticks of {number(world.dt)} by default. The arena has {len(world.arena.vertices)} "
         f"vertices and spans {number(right - left)} by {number(top - bottom)}{walls}.\n",
     ]
