@@ -9,16 +9,17 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ecology import Ecology, EcologyError, Group, Tick, faults
+from ecology import faults
 from ecology.agents.base import Learner
 from ecology.beside import importable_beside
-from ecology.errors import nearest
+from ecology.errors import EcologyError, nearest
 
-faults.HOUSE.add(str(Path(__file__).parent))
+if TYPE_CHECKING:
+    from ecology.env import Ecology, Group, Tick
 
 # name -> module, class, the mapping in the module that holds its settings where they are not the
 # defaults, and a line for `ecology list`; loaded when asked for
@@ -47,6 +48,10 @@ LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
     "qvalue": ("ecology.agents.baselines", "QValue", None, "the least mean drive seen after an action"),
 }
 
+HERE = Path(__file__).parent
+faults.HOUSE.add(str(HERE))
+faults.SHIPPED.update(str(HERE / f"{module.rpartition('.')[2]}.py") for module, *_ in LEARNERS.values())
+
 
 def learner_class(name: str) -> type[Learner]:
     """Return the class of the learner `name`, or of one in a file: "path.py", or "path.py:Class" where it has several.
@@ -54,10 +59,8 @@ def learner_class(name: str) -> type[Learner]:
     Loading a file runs its code: load only files that you trust.
     """
     if name in LEARNERS:
-        module_name, cls, _, _ = LEARNERS[name]
-        module = importlib.import_module(module_name)
-        faults.SHIPPED.add(str(module.__file__))
-        return getattr(module, cls)
+        module, cls, _, _ = LEARNERS[name]
+        return getattr(importlib.import_module(module), cls)
     own = re.fullmatch(r"(.+\.py)(?::(\w+))?", name)
     if not own:
         raise EcologyError(
