@@ -37,7 +37,7 @@ python_maximum_signature_line_length = 100
 
 
 def as_rst(lines: list[str]) -> list[str]:
-    """Return a plain-text docstring as reStructuredText: `code` is code, and an indented paragraph is shown as it is."""
+    """Return a plain-text docstring as reStructuredText: `code` is code, an indented paragraph is shown as it is."""
     result: list[str] = []
     for paragraph in re.split(r"\n\s*\n", "\n".join(lines)):
         if paragraph.startswith(" "):
@@ -50,7 +50,7 @@ def as_rst(lines: list[str]) -> list[str]:
     return result
 
 
-def describe(app: object, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
+def describe(_app: object, what: str, _name: str, value: object, _options: object, lines: list[str]) -> None:
     """Convert a docstring, and list the fields of a dataclass below it."""
     lines[:] = as_rst(lines)
     if what == "class" and dataclasses.is_dataclass(value) and isinstance(value, type):

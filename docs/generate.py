@@ -74,7 +74,9 @@ def number(value: float) -> str:
 
 def amounts(values: Mapping[str, float] | None, sign: str = "") -> str:
     """Return "energy 0.1, water 0.2"."""
-    return ", ".join(f"{name} {number(value) if sign == '' else f'{value:+.4g}'}" for name, value in (values or {}).items())
+    return ", ".join(
+        f"{name} {number(value) if sign == '' else f'{value:+.4g}'}" for name, value in (values or {}).items()
+    )
 
 
 def prose(text: str | None) -> str:
@@ -119,7 +121,9 @@ def field_table(cls: type) -> str:
 def components() -> str:
     """Return every building block of a scenario: the dataclasses with their fields, and the functions of actions."""
     makers = (spec.rest, spec.move, spec.turn, spec.sleep, spec.consume, spec.go_to, spec.bite, spec.give, spec.act)
-    blocks = [value for value in vars(spec).values() if dataclasses.is_dataclass(value) and value.__module__ == spec.__name__]
+    blocks = [
+        value for value in vars(spec).values() if dataclasses.is_dataclass(value) and value.__module__ == spec.__name__
+    ]
     parts = []
     for cls in (Scenario, *blocks):
         assert isinstance(cls, type)
@@ -127,7 +131,9 @@ def components() -> str:
         if cls is Action:
             for maker in makers:
                 words = str(inspect.signature(maker)).partition(" -> ")[0].replace("'", "")
-                parts.append(f"### `{maker.__name__}{words.replace('**rest_of: object', '...')}`\n\n{prose(maker.__doc__)}")
+                parts.append(
+                    f"### `{maker.__name__}{words.replace('**rest_of: object', '...')}`\n\n{prose(maker.__doc__)}"
+                )
     return "\n".join(parts)
 
 
@@ -210,8 +216,8 @@ def scenario(name: str) -> str:
                   ((str(i), *action_row(action)) for i, action in enumerate(species.actions))),
             f"Observation space: `Box(({len(layout.names)},), float32)`, and the action mask.\n",
             table(("index", "component", "kind", "lowest", "highest"),
-                  ((str(i), code(n), KINDS[k], number(low), number(high))
-                   for i, (n, k, low, high) in enumerate(zip(layout.names, layout.kinds, layout.low, layout.high, strict=True)))),
+                  ((str(i), code(layout.names[i]), KINDS[layout.kinds[i]], number(layout.low[i]), number(layout.high[i]))
+                   for i in range(len(layout.names)))),
         ]  # fmt: skip
     return "\n".join(parts)
 
@@ -237,7 +243,14 @@ def need_row(need: Need) -> tuple[str, ...]:
     ends = f"{number(low)} to {number(high)}" + (", lethal" if need.lethal else "")
     ends += f", floor {number(need.floor)}" if math.isfinite(need.floor) else ""
     start = number(need.x0)
-    return code(need.name), number(need.set_point), start, ", ".join(moves) or "0", ends, "yes" if need.regulated else "no"
+    return (
+        code(need.name),
+        number(need.set_point),
+        start,
+        ", ".join(moves) or "0",
+        ends,
+        "yes" if need.regulated else "no",
+    )
 
 
 def action_row(action: Action) -> tuple[str, ...]:
@@ -254,7 +267,8 @@ def action_row(action: Action) -> tuple[str, ...]:
         "consume": f"consume {action.resource}",
         "go_to": f"walk to {action.resource} at {number(action.speed)}",
         "bite": f"bite the nearest {action.species} within {number(action.reach)}, chance {number(action.chance)}",
-        "give": f"give to the nearest {action.species} within {number(action.reach)}, efficiency {number(action.efficiency)}",
+        "give": f"give to the nearest {action.species} within {number(action.reach)}, efficiency "
+        f"{number(action.efficiency)}",
         "act": "what the rule says",
     }[action.kind] + lasts  # fmt: skip
     if action.kind == "bite":
@@ -297,7 +311,9 @@ def commands() -> str:
                 takes = "" if param.is_flag else f" {param.metavar or kind(command, param.name)}"
                 word = ", ".join([*param.opts, *param.secondary_opts]) + takes
             rows.append((code(word), cell(default(param)), cell(param.help or "")))
-        parts.append(f"## `{' '.join(usage)}`\n\n{prose(command.help)}\n" + table(("option", "default", "meaning"), rows))
+        parts.append(
+            f"## `{' '.join(usage)}`\n\n{prose(command.help)}\n" + table(("option", "default", "meaning"), rows)
+        )
     return "\n".join(parts)
 
 
