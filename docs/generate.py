@@ -216,7 +216,7 @@ def scenario(name: str) -> str:
                   ((str(i), *action_row(action)) for i, action in enumerate(species.actions))),
             f"Observation space: `Box(({len(layout.names)},), float32)`, and the action mask.\n",
             table(("index", "component", "kind", "lowest", "highest"),
-                  ((str(i), code(layout.names[i]), KINDS[layout.kinds[i]], number(layout.low[i]), number(layout.high[i]))
+                  ((str(i), code(layout.names[i]), KINDS[layout.kinds[i]], *map(number, (layout.low[i], layout.high[i])))
                    for i in range(len(layout.names)))),
         ]  # fmt: skip
     return "\n".join(parts)
