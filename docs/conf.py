@@ -6,6 +6,7 @@ import dataclasses
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -20,6 +21,8 @@ version = release = ecology.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc"]
 exclude_patterns = ["_build"]
 root_doc = "index"
+
+smartquotes = False  # `--option` keeps its hyphens
 
 html_theme = "furo"
 html_title = f"ecology {release}"
@@ -60,6 +63,15 @@ def describe(_app: object, what: str, _name: str, value: object, _options: objec
         lines.append("")
 
 
+def shorten(*event: Any) -> list[str | None]:
+    """Return a signature in which an array is an array, whatever it holds."""
+    *_, signature, back = event
+    arrays = r"~?numpy\.ndarray\[tuple\[[^\]]*\], ~?numpy\.dtype\[[^\]]*\]\]"
+    texts = [None if each is None else re.sub(arrays, "numpy.ndarray", each) for each in (signature, back)]
+    return [None if each is None else each.replace("<factory>", "{}") for each in texts]
+
+
 def setup(app: object) -> None:
     """Connect to Sphinx."""
     app.connect("autodoc-process-docstring", describe)  # type: ignore[attr-defined]
+    app.connect("autodoc-process-signature", shorten)  # type: ignore[attr-defined]

@@ -25,6 +25,7 @@ import typer.main
 import ecology
 from ecology import Action, Need, Resource, Scenario, Species, agents, scenarios, spec
 from ecology.agents import hjb
+from ecology.lab.certificate.cases import all_cases
 from ecology.lab.cli import app
 
 HERE = Path(__file__).parent
@@ -53,7 +54,8 @@ class Field(NamedTuple):
 
 def cell(value: object) -> str:
     """Return a value as the text of a table cell."""
-    return str(value).replace("|", "\\|").replace("\n", " ").replace("*", "\\*").strip()
+    text = str(value).replace("|", "\\|").replace("\n", " ").replace("*", "\\*").strip()
+    return re.sub(r"(?<![`\w-])(--[a-z][\w-]*)", r"`\1`", text)  # options are code
 
 
 def code(value: object) -> str:
@@ -70,6 +72,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def number(value: float) -> str:
     """Return a number as short as it can be read."""
     return {math.inf: "inf", -math.inf: "-inf"}.get(value, f"{value:.4g}" if abs(value) < 10_000 else f"{value:,.0f}")
+
+
+def literal(value: object) -> str:
+    """Return a value as Python writes it, a float with six digits at most."""
+    return f"{value:.6g}" if isinstance(value, float) and len(repr(value)) > 8 else repr(value)
 
 
 def amounts(values: Mapping[str, float] | None, sign: str = "") -> str:
@@ -192,10 +199,10 @@ def scenario(name: str) -> str:
     walls = "" if world.arena.walls else ", a torus without walls"
     parts = [
         "### Settings\n",
-        table(("setting", "default"), ((code(k), code(repr(v))) for k, v in scenarios.settings(name).items())),
+        table(("setting", "default"), ((code(k), code(literal(v))) for k, v in scenarios.settings(name).items())),
         prose(build.__doc__).replace("Return ", "`build` returns ", 1),
-        f"A run has {world.ticks:,} ticks of {number(world.dt)} by default. The arena has {len(world.arena.vertices)} "
-        f"vertices and spans {number(right - left)} by {number(top - bottom)}{walls}.\n",
+        f"A run has {world.ticks:,} ticks of length {number(world.dt)} by default. The arena has "
+        f"{len(world.arena.vertices)} vertices and spans {number(right - left)} by {number(top - bottom)}{walls}.\n",
     ]
     if world.resources:
         parts += ["### Resources\n", table(("resource", "patches", "where", "radius", "stock", "comes back"),
@@ -215,11 +222,16 @@ def scenario(name: str) -> str:
             table(("index", "action", "does", "control, per unit of time", "open"),
                   ((str(i), *action_row(action)) for i, action in enumerate(species.actions))),
             f"Observation space: `Box(({len(layout.names)},), float32)`, and the action mask.\n",
-            table(("index", "component", "kind", "lowest", "highest"),
-                  ((str(i), code(layout.names[i]), KINDS[layout.kinds[i]], *map(number, (layout.low[i], layout.high[i])))
-                   for i in range(len(layout.names)))),
+            table(("index", "component", "kind", "lowest", "highest"), component_rows(layout)),
         ]  # fmt: skip
     return "\n".join(parts)
+
+
+def component_rows(layout: Any) -> Iterable[tuple[str, ...]]:
+    """Yield the rows of the components of zeta."""
+    columns = (layout.names, layout.kinds, layout.low, layout.high)
+    for i, (name, kind, low, high) in enumerate(zip(*columns, strict=True)):
+        yield str(i), code(name), KINDS[kind], number(low), number(high)
 
 
 def settings_of(species: Species) -> str:
@@ -269,7 +281,7 @@ def action_row(action: Action) -> tuple[str, ...]:
         "bite": f"bite the nearest {action.species} within {number(action.reach)}, chance {number(action.chance)}",
         "give": f"give to the nearest {action.species} within {number(action.reach)}, efficiency "
         f"{number(action.efficiency)}",
-        "act": "what the rule says",
+        "act": "its control" if action.control else "defined by the rule",
     }[action.kind] + lasts  # fmt: skip
     if action.kind == "bite":
         does += "; " + ("kills" if action.damage is None else f"takes {amounts(action.damage)}")
@@ -311,9 +323,11 @@ def commands() -> str:
                 takes = "" if param.is_flag else f" {param.metavar or kind(command, param.name)}"
                 word = ", ".join([*param.opts, *param.secondary_opts]) + takes
             rows.append((code(word), cell(default(param)), cell(param.help or "")))
-        parts.append(
-            f"## `{' '.join(usage)}`\n\n{prose(command.help)}\n" + table(("option", "default", "meaning"), rows)
-        )
+        parts.append(f"## `{' '.join(usage)}`\n\n{prose(command.help)}")
+        if rows:
+            parts.append(table(("option", "default", "meaning"), rows))
+        if name == "reproduce":
+            parts.append(table(("result", "about"), ((code(c.name), cell(c.about)) for c in all_cases().values())))
     return "\n".join(parts)
 
 
