@@ -137,10 +137,9 @@ def components() -> str:
         parts.append(f"## `{cls.__name__}`\n\n{prose(cls.__doc__)}\n{field_table(cls) if fields_of(cls) else ''}")
         if cls is Action:
             for maker in makers:
-                words = str(inspect.signature(maker)).partition(" -> ")[0].replace("'", "")
-                parts.append(
-                    f"### `{maker.__name__}{words.replace('**rest_of: object', '...')}`\n\n{prose(maker.__doc__)}"
-                )
+                words = re.sub(r": '([^']+)'", r": \1", str(inspect.signature(maker)).partition(" -> ")[0])
+                call = f"{maker.__name__}{words.replace('**rest_of: object', '...')}"
+                parts.append(f"### `{maker.__name__}`\n\n```python\n{call}\n```\n\n{prose(maker.__doc__)}")
     return "\n".join(parts)
 
 
