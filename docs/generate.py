@@ -241,7 +241,9 @@ def settings_of(species: Species) -> str:
 def view(species: Species) -> str:
     """Return the view field of a species in words."""
     angle = round(math.degrees(species.view_angle))
-    return f"{angle} degrees, {'any distance' if math.isinf(species.view_range) else number(species.view_range)}"
+    return (
+        f"{angle} degrees, {'any distance' if math.isinf(species.view_range) else f'{number(species.view_range)} far'}"
+    )
 
 
 def need_row(need: Need) -> tuple[str, ...]:
