@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 RUN := runs/paper-0
 
-.PHONY: install paper test fuzz long check golden
+.PHONY: install paper test fuzz long check golden docs notebooks
 
 install: $(INSTALLED)
 
@@ -47,3 +47,16 @@ check: install
 	rm -rf build/typed && mkdir -p build/typed/ecology
 	ln -s $(CURDIR)/ecology/* $(CURDIR)/agents $(CURDIR)/scenarios build/typed/ecology/
 	$(BIN)/mypy
+	$(BIN)/python docs/generate.py --check
+	$(SPHINX) --fail-on-warning
+
+# the site, in build/docs; generated tables are written first
+SPHINX := $(BIN)/sphinx-build --quiet docs build/docs
+docs: install
+	$(BIN)/python docs/generate.py
+	$(SPHINX)
+	@echo "The site is in build/docs: open build/docs/index.html."
+
+# executes the notebooks and keeps their output
+notebooks: install
+	$(BIN)/python docs/execute.py

@@ -38,8 +38,10 @@ def run_tests(session: nox.Session, *options: str, **variables: str | None) -> N
 @nox.session
 def lowest(session: nox.Session) -> None:
     """Test on the lowest version of every direct dependency that pyproject.toml allows."""
-    wanted = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["dev"]]
-    install(session, [re.sub(r">=([^,;]+)[^;]*", r"==\1", requirement) for requirement in wanted])
+    extras = PROJECT["optional-dependencies"]
+    wanted = [*PROJECT["dependencies"], *extras["dev"], *extras["docs"]]
+    bounded = [requirement for requirement in wanted if not requirement.startswith(PROJECT["name"])]
+    install(session, [re.sub(r">=([^,;]+)[^;]*", r"==\1", requirement) for requirement in bounded])
     run_tests(session)
 
 

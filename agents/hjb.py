@@ -45,15 +45,15 @@ class HJBSettings:
     """Everything that can be set; times are in units of time, not ticks."""
 
     gamma: float = 0.995  # discount per unit of time
-    youth: float = 1000.0  # units of time, in which exploration falls to 1/e of its excess
-    epsilon: float = 0.1  # exploration at birth
-    epsilon_final: float = 0.05  # of adults
-    settling: float = 4000.0  # units of time, in which the learning rate falls to a half
-    tries: int = 1  # times that a movement is tried when it is open, before scores decide
-    persistence: int = 8  # strides that a walk explored without optimism goes on for at most (Dabney et al. 2021)
-    width: int = 64  # of both hidden layers of f and J
-    learning_rate: float = 4e-3
-    learning_rate_final: float = 4e-4  # of adults
+    youth: float = 1000.0  # units of time in which exploration falls from that at birth to 1/e of the way to adults
+    epsilon: float = 0.1  # share of exploratory movements at birth
+    epsilon_final: float = 0.05  # share of exploratory movements of adults
+    settling: float = 4000.0  # units of time in which the learning rate falls to a half
+    tries: int = 1  # times that an open movement is tried before scores decide
+    persistence: int = 8  # most strides that an exploratory walk without optimism is repeated (Dabney et al. 2021)
+    width: int = 64  # units of each of the two hidden layers of f and J
+    learning_rate: float = 4e-3  # learning rate at birth
+    learning_rate_final: float = 4e-4  # learning rate of adults
     adaptive_steps: bool = True  # a decision lasts as long as its movement (paper, "adaptive time steps")
     bearings: bool = True  # a turn and the walk after it are one movement
     stride: float = 10.0  # length of a move
@@ -62,12 +62,12 @@ class HJBSettings:
     finite_difference: bool = True  # the HJB score over a whole movement instead of its first-order limit
     minimum_in_loss: bool = True  # L_J is the residual of the HJB equation, its min included
     replay: bool = True  # learn from remembered decisions, not the newest alone (Mnih et al. 2015)
-    intra_option: bool = True  # learn from states passed on the way too (Sutton, Precup and Singh 1999)
+    intra_option: bool = True  # learn from states within a movement too (Sutton, Precup and Singh 1999)
     batch: int = 64  # decisions per gradient step on L_J
-    batch_f: int = 128  # and on L_f
-    recent_share: float = 0.4  # of the batch, from the last `recent` decisions
-    recent: int = 300
-    memory: int = 12_000  # decisions
+    batch_f: int = 128  # decisions per gradient step on L_f
+    recent_share: float = 0.4  # share of a batch that comes from the last `recent` decisions
+    recent: int = 300  # decisions that count as recent
+    memory: int = 12_000  # decisions in the replay buffer
     update_every: float = 1.0  # units of time between updates
     updates: int = 3  # gradient steps on L_f and L_J per update
     warm_up: int = 16  # decisions before the first update
@@ -75,24 +75,24 @@ class HJBSettings:
     place_spacing: float = 0.75  # length between centres
     place_width: float = 0.6  # length, standard deviation of a bump
     optimism: float = 0.15  # share by which J of an unknown place is taken to be lower
-    optimism_young: float = 0.1  # the same at birth, as a share of the drive of total deprivation
+    optimism_young: float = 0.1  # what is added to it at birth, as a share of the drive of total deprivation
     depth: int = 3  # movements that a decision looks ahead
-    beam: int = 24  # predicted states kept at each of them
+    beam: int = 24  # predicted states kept at each movement of the lookahead
     errors: int = 64  # latest decisions whose errors of f are remembered and corrected; 0: none
     marks: int = 256  # places that an agent can know to have reached or aimed at
     mark_reach: float = 1.25  # length around a place reached that counts as known
-    aim_reach: float = 0.5  # the same around a place aimed at in vain
+    aim_reach: float = 0.5  # length around a place aimed at in vain that counts as known
     boredom: float = 0.1  # rate at which curiosity follows the share of attempts that found a new place
-    near: float = 0.25  # length, standard deviation of the kernel by which an error counts near by
-    near_angle: float = 0.6  # radians, the same for angles
-    searched: int = 4000  # latest decisions in which what is open at a predicted state is looked up
+    near: float = 0.25  # length, standard deviation of the kernel that weighs remembered errors by distance
+    near_angle: float = 0.6  # radians, standard deviation of the same kernel for angles
+    searched: int = 4000  # latest decisions that are searched for the open movements at a predicted state
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
     relative_weight: bool = True  # L_J weighs small drives more
     learn_value: bool = True  # the network of J learns V = d - Jn, so that J begins as the drive
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016), by which an agent acts
     polyak: float = 0.03  # share by which the slow copy follows J per gradient step
     target_explores: bool = True  # the target is that of an agent that explores with `epsilon_final`
-    lazy_heads: bool = False  # Adam leaves heads of f that no decision of the batch trained as they are
+    lazy_heads: bool = False  # Adam does not move heads of f that no decision of the batch trained
     inherit: bool = False  # a newborn starts from what its parent has learned, not from nothing
     mutation: float = 0.0  # standard deviation of inherited weights, relative to each layer's root mean square
 

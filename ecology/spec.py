@@ -50,8 +50,8 @@ def _finite(owner: str, /, **numbers: float) -> None:
 class Season:
     """A sine of time that multiplies a decay or a growth: 1 + amplitude sin(2 pi t / period + phase)."""
 
-    amplitude: float
-    period: float  # time
+    amplitude: float  # share by which the rate rises and falls
+    period: float  # units of time
     phase: float = 0.0  # radians
 
     def __post_init__(self) -> None:

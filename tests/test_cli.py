@@ -62,7 +62,7 @@ def test_help_shows_defaults_that_depend_on_others(ecology: Command, monkeypatch
     monkeypatch.setenv("COLUMNS", "160")
     for command, defaults in {
         "run": ("the scenario's", "runs/SCENARIO-SEED", "cpu"),
-        "sweep": ("runs/sweep-SCENARIO", "one a CPU"),
+        "sweep": ("runs/sweep-SCENARIO", "one per CPU"),
         "fork": ("RUN-at-TICK", "as the run"),
         "film": ("200 frames before the end", "RUN/film.gif"),
     }.items():

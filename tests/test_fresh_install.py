@@ -122,4 +122,4 @@ def test_constraints_pin_every_direct_dependency() -> None:
     names = {re.split(r"[\[<>=]", line)[0] for line in asked}
     lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
     assert all("==" in line for line in lines)
-    assert {line.partition("==")[0] for line in lines} == names
+    assert {line.partition("==")[0] for line in lines} == names - {project["name"]}  # an extra may name another

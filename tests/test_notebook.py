@@ -14,7 +14,7 @@ from ecology import EcologyError, agents
 from ecology.agents import checkpoint, lives, loop
 from ecology.lab.cli import main
 
-PAGE = (Path(__file__).parent.parent / "docs" / "notebook.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parent.parent / "docs" / "guides" / "notebook.md").read_text(encoding="utf-8")
 
 
 def ecology(*words):

@@ -83,7 +83,7 @@ def emptied_at(n: float) -> float:
 
 
 def commons_table(lives: Mapping[float, Sequence[Mapping[str, Any]]]) -> str:
-    """Return the table of docs/results.md from the lives of each n."""
+    """Return the table of docs/results/commons.md from the lives of each n."""
     rows = []
     for n, of in lives.items():
         empty = [life["empty"] for life in of]
@@ -123,7 +123,7 @@ def _colony_now(env: Ecology, state: State) -> tuple[float, ...]:
 
 
 def colony_table(lives: Mapping[float, Sequence[Mapping[str, Any]]]) -> str:
-    """Return the table of docs/results.md from the lives of each weight: means, with SDs over seeds."""
+    """Return the table of docs/results/colony.md from the lives of each weight: means, with SDs over seeds."""
     rows = []
     for weight, of in lives.items():
         alive = [[life[word] for life in of] for word in ("brood alive", "nurses alive")]

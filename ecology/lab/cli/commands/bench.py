@@ -19,25 +19,31 @@ ORDER = 8
 @announces_compiling
 def command(
     agents_: Annotated[
-        str, typer.Option("--agents", metavar="N,...", help="Numbers of agents.")
+        str, typer.Option("--agents", metavar="N,...", help="Numbers of agents to measure.")
     ] = "1,10,100,1000,10000",
     learner: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Who learns, NAME-dicts through the dicts; `none`: nobody.",
+            help="Learner to measure; NAME-dicts learns through the PettingZoo dicts, `none` measures no learner.",
             show_default="lean and algorithm1",
         ),
     ] = None,
     against: Annotated[
-        str, typer.Option(metavar="WORLD,...", help="waterworld, waterworld_few, mpe2, magent2, vmas.")
+        str,
+        typer.Option(
+            metavar="WORLD,...", help="Worlds to compare with: waterworld, waterworld_few, mpe2, magent2, vmas."
+        ),
     ] = "",
     python: Annotated[
-        list[str] | None, typer.Option(metavar="WORLD=PATH", help="The Python that has another world.")
+        list[str] | None,
+        typer.Option(metavar="WORLD=PATH", help="Python interpreter in which another world is installed."),
     ] = None,
-    rounds: Annotated[int, typer.Option(min=1, help="How often each is timed.")] = 7,
-    seconds: Annotated[float, typer.Option(min=0.0, help="For how long each time.")] = 0.5,
-    core: Annotated[int | None, typer.Option(min=0, help="All run on this one.", show_default="the last")] = None,
+    rounds: Annotated[int, typer.Option(min=1, help="Number of times that each point is timed.")] = 7,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Seconds that each timing takes.")] = 0.5,
+    core: Annotated[
+        int | None, typer.Option(min=0, help="CPU core on which all measurements run.", show_default="the last")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder of the table and the figure.")] = Path("runs") / "bench",
     quiet: Quiet = False,
 ) -> None:

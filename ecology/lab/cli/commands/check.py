@@ -1,4 +1,4 @@
-"""`ecology check`: hold a scenario to the contract."""
+"""`ecology check`: check a scenario against the contract."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ CHECKED = 200  # ticks of a life
 @announces_compiling
 def command(
     scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
-    ticks: Annotated[int, typer.Option(min=1, help="Length of every life that is looked at.")] = CHECKED,
+    ticks: Annotated[int, typer.Option(min=1, help="Length of each test run.")] = CHECKED,
 ) -> None:
-    """Hold a scenario to the contract that every scenario keeps; exit code 1 where it is broken."""
+    """Check a scenario against the contract; exit with code 1 if it fails."""
     from ecology import contract, scenarios
 
     broken = 0

@@ -25,25 +25,29 @@ ORDER = 9
 @announces_compiling
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
-    species: Annotated[str | None, typer.Option(help="Whose learner.", show_default="the first")] = None,
-    ticks: Annotated[int, typer.Option(min=10, help="Length of every life that is measured.")] = EVALUATED,
+    species: Annotated[
+        str | None, typer.Option(help="Species whose learner is evaluated.", show_default="the first")
+    ] = None,
+    ticks: Annotated[int, typer.Option(min=10, help="Length of each life that is measured.")] = EVALUATED,
     places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
-    seed: Annotated[int | None, typer.Option(min=0, show_default="the run's + 1000")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Random seed of the evaluation.", show_default="the run's + 1000")
+    ] = None,
     in_: Annotated[
-        str | None, typer.Option("--in", metavar="SCENARIO", help="Another world.", show_default="the run's")
+        str | None, typer.Option("--in", metavar="SCENARIO", help="Scenario to evaluate in.", show_default="the run's")
     ] = None,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of the world to measure it in.")
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of the world to evaluate in.")
     ] = None,
     device: Annotated[
-        str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where the learner computes.")
+        str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that the learner computes on.")
     ] = "cpu",  # one agent at a time: elsewhere it takes longer
     again: Annotated[
-        bool, typer.Option("--again", help="Replace an evaluation that was made with other words.")
+        bool, typer.Option("--again", help="Replace an existing evaluation made with other options.")
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Measure a run's learner against baselines; write evaluation.json and figures."""
+    """Evaluate a run's learner against baselines; write evaluation.json and figures."""
     from ecology.agents import evaluation, figures
     from ecology.lab.runs.folder import EVALUATION, FIGURES, METRICS, check_evaluation, write_json
     from ecology.lab.runs.run import open_run

@@ -15,18 +15,19 @@ ORDER = 12
 
 @announces_compiling
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that recorded.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that has a recording.")],
     target: Annotated[
-        Path | None, typer.Argument(metavar="[OUT.gif|OUT.mp4]", help="A new file.", show_default="RUN/film.gif")
+        Path | None, typer.Argument(metavar="[OUT.gif|OUT.mp4]", help="File to write.", show_default="RUN/film.gif")
     ] = None,
     from_: Annotated[
-        int | None, typer.Option("--from", min=0, metavar="TICK", show_default="200 frames before the end")
+        int | None,
+        typer.Option("--from", min=0, metavar="TICK", help="First tick.", show_default="200 frames before the end"),
     ] = None,
-    to: Annotated[int | None, typer.Option(min=0, metavar="TICK", show_default="the last")] = None,
+    to: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="Last tick.", show_default="the last")] = None,
     fps: Annotated[float, typer.Option(help="Frames per second, one recorded tick each.")] = 20.0,
     quiet: Quiet = False,
 ) -> None:
-    """Make a film of a stretch of a run from what it recorded: a gif, or an mp4 with the extra `film`."""
+    """Make a film of a run from its recording: a gif, or an mp4 with the extra `film`."""
     from ecology.lab.runs.folder import CONFIG
     from ecology.lab.runs.run_config import read_config, resolve
     from ecology.observers import film as films

@@ -13,10 +13,10 @@ ORDER = 5
 
 
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that is alive.")],
-    who: Annotated[str, typer.Argument(metavar="WHO", help="An agent (prey_17), a species, or hungriest.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that is going on.")],
+    who: Annotated[str, typer.Argument(metavar="WHO", help="Agent (prey_17), species, or hungriest.")],
 ) -> None:
-    """Bring someone else into focus in a run that is recorded or watched."""
+    """Bring another agent into focus in a run that records or is watched."""
     from ecology.lab.runs.folder import CONFIG, is_locked
     from ecology.observers import wishes
 

@@ -18,24 +18,28 @@ ORDER = 6
 @announces_compiling
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
-    at: Annotated[int, typer.Option(min=0, metavar="TICK", help="From which it is another future.")],
+    at: Annotated[int, typer.Option(min=0, metavar="TICK", help="Tick at which the fork branches off.")],
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting that is changed; one of the start changes nothing."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Setting to change; settings that only act at the start change nothing."
+        ),
     ] = None,
-    remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Who is no longer there.")] = None,
-    move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="What lies elsewhere.")] = None,
-    ticks: Annotated[int | None, typer.Option(min=1, help="To which it lives.", show_default="as the run")] = None,
+    remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Agent to remove.")] = None,
+    move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="Resource to move.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Tick to run to.", show_default="as the run")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the fork.", show_default="RUN-at-TICK")] = None,
-    record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
-    keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    record: Annotated[
+        bool | None, typer.Option("--record/--no-record", help="Write metrics and a recording, or do not.")
+    ] = None,
+    keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks.")] = None,
     device: Annotated[
         str | None,
-        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="as the run"),
+        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="as the run"),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
+    """Continue a run from a tick with one thing changed, in a folder of its own."""
 
     from ecology.lab.cli.live import live, make_observers
     from ecology.lab.cli.progress import Progress

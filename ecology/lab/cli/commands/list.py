@@ -9,7 +9,7 @@ ORDER = 1
 
 
 def command() -> None:
-    """Show the scenarios and the learners, one line each."""
+    """List the scenarios and the learners, one line each."""
     from ecology import agents, scenarios
 
     learners = {name: line for name, (_, _, _, line) in agents.LEARNERS.items()}

@@ -12,8 +12,8 @@ from ecology.errors import EcologyError
 ORDER = 2
 
 
-def command(name: Annotated[str, typer.Argument(help="A Python word; NAME.py is written.")]) -> None:
-    """Write a small scenario file, to be changed and run."""
+def command(name: Annotated[str, typer.Argument(help="A Python identifier; NAME.py is written.")]) -> None:
+    """Write a small scenario file to start from."""
     from ecology import scenarios
 
     name = name.removesuffix(".py")

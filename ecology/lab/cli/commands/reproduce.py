@@ -40,9 +40,12 @@ CLASS = HelpWithCases
 @announces_compiling
 def command(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME ...]", help="Results, listed below.", show_default="all")
+        list[str] | None,
+        typer.Argument(metavar="[NAME ...]", help="Results to reproduce, listed below.", show_default="all"),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder; what is done there is not done again.")] = Path("runs/reproduce"),
+    out: Annotated[Path, typer.Option(help="Folder of the results; finished parts in it are not repeated.")] = Path(
+        "runs/reproduce"
+    ),
     seeds: Annotated[
         str | None, typer.Option(metavar="FIRST:END", help="Seeds of `minds`, END excluded.", show_default="0:32")
     ] = None,
@@ -60,7 +63,7 @@ def command(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Live results from elsewhere again: theirs, the closed form, ours with interval, and a verdict."""
+    """Reproduce published results and compare them with ours (95 % interval) and with the closed form."""
     from ecology.lab.certificate.cases import chosen
 
     cases = chosen(names or ())

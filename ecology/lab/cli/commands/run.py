@@ -31,43 +31,44 @@ ORDER = 4
 def command(
     scenario: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None,
     ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.", show_default="the scenario's")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of everything random.", show_default="0")] = None,
-    learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME", help="Who learns.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Random seed.", show_default="0")] = None,
+    learner: Annotated[
+        list[str] | None, typer.Option(metavar="[SPECIES=]NAME", help="Learner of all species, or of one.")
+    ] = None,
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting: KEY, learner.KEY or SPECIES.learner.KEY."),
+        typer.Option("--set", metavar="KEY=VALUE", help="Setting to change: KEY, learner.KEY or SPECIES.learner.KEY."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/SCENARIO-SEED")] = None,
-    config: Annotated[Path | None, typer.Option(help="A config.toml to repeat.")] = None,
-    resume: Annotated[Path | None, typer.Option(help="Folder of a run to go on with.")] = None,
+    config: Annotated[Path | None, typer.Option(help="config.toml of a run to repeat.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Folder of a run to resume.")] = None,
     previous: Annotated[
-        bool, typer.Option("--previous", help="With --resume: go on from the checkpoint before the last.")
+        bool, typer.Option("--previous", help="With --resume: resume from the checkpoint before the last.")
     ] = False,
-    view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
-    serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer on the run.")] = False,
+    serve: Annotated[bool, typer.Option("--serve", help="Show the run in a browser, and let viewers attach.")] = False,
     port: Port = None,
-    connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
+    connect: Annotated[str | None, typer.Option(metavar="URL", help="Address of an open viewer to stream to.")] = None,
     focus: Annotated[
         list[str] | None,
-        typer.Option(metavar="WHO", help="Whom to watch closely: an agent (prey_17), a species, or hungriest."),
+        typer.Option(metavar="WHO", help="Agent to watch closely: its name (prey_17), a species, or hungriest."),
     ] = None,
     record: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE", help="How metrics and recording are written: every=TICKS, detail=full or lean."
-        ),
+        typer.Option(metavar="KEY=VALUE", help="Sampling of metrics and recording: every=TICKS, detail=full or lean."),
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor a recording.")] = False,
     keep_every: Annotated[
         int | None,
-        typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.", show_default="none"),
+        typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks, to fork from.", show_default="none"),
     ] = None,
     device: Annotated[
-        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="cpu")
+        str | None,
+        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
+    """Run a scenario and write one folder: config, summary, metrics, recording, checkpoint."""
     if resume is not None:
         refuse_with("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
         refuse_with("--resume", record=record, no_record=no_record or None, keep_every=keep_every)

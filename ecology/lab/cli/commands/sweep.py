@@ -26,15 +26,26 @@ ORDER = 7
 @announces_compiling
 def command(
     scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
-    seeds: Annotated[str, typer.Option(metavar="FIRST:END", help="Or 1,4,9:12; END is not among them.")] = "0:8",
+    seeds: Annotated[
+        str, typer.Option(metavar="FIRST:END", help="Seeds to run, END excluded; lists such as 1,4,9:12 work too.")
+    ] = "0:8",
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE,...", help="Values of a setting: KEY, learner.KEY, ..."),
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE,...",
+            help="Values of a setting to sweep: KEY, learner.KEY or SPECIES.learner.KEY.",
+        ),
     ] = None,
-    learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME,...", help="Who learns.")] = None,
-    ticks: Annotated[int | None, typer.Option(min=1, help="Length of a run.", show_default="the scenario's")] = None,
+    learner: Annotated[
+        list[str] | None,
+        typer.Option(metavar="[SPECIES=]NAME,...", help="Learners to sweep, of all species or of one."),
+    ] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of each run.", show_default="the scenario's")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the sweep.", show_default="runs/sweep-SCENARIO")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time.", show_default="one a CPU")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Number of runs at a time.", show_default="one per CPU")
+    ] = None,
     ray: Annotated[
         str | None,
         typer.Option(
@@ -42,18 +53,22 @@ def command(
         ),
     ] = None,
     device: Annotated[
-        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="cpu")
+        str | None,
+        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
     ] = None,
     gpus: Annotated[
         float | None,
-        typer.Option("--gpus-per-run", min=0.0, help="GPUs of a run on Ray.", show_default="1 with --device cuda"),
+        typer.Option(
+            "--gpus-per-run", min=0.0, help="GPUs that each run reserves on Ray.", show_default="1 with --device cuda"
+        ),
     ] = None,
     memory: Annotated[
-        float | None, typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory of a run on Ray.")
+        float | None,
+        typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory that each run reserves on Ray."),
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
     evaluate: Annotated[
-        bool, typer.Option("--evaluate", help="Measure what each has learned, as `ecology evaluate` does.")
+        bool, typer.Option("--evaluate", help="Evaluate what each run has learned, as `ecology evaluate` does.")
     ] = False,
     show: Annotated[
         list[str] | None,
@@ -61,7 +76,7 @@ def command(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
+    """Run many seeds and settings; write one table and one figure. Run the same command again to resume."""
     from ecology.lab.runs import cluster
     from ecology.lab.runs import sweep as sweeps
 

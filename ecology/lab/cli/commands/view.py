@@ -21,18 +21,18 @@ ORDER = 11
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
     focus: Annotated[
-        str | None, typer.Option(metavar="WHO", help="An agent (prey_17) whose life is drawn, or a species.")
+        str | None, typer.Option(metavar="WHO", help="Agent (prey_17) or species whose life is drawn.")
     ] = None,
     serve: Annotated[
-        bool, typer.Option("--serve", help="Show it in a browser, where a click brings an agent into focus.")
+        bool, typer.Option("--serve", help="Show the recording in a browser, where a click brings an agent into focus.")
     ] = False,
     port: Port = None,
     screenshot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
+        Path | None, typer.Option(metavar="FILE.png", help="File to save a picture to instead; needs no screen.")
     ] = None,
-    tick: Annotated[int | None, typer.Option(min=0, help="Of the picture.", show_default="the last")] = None,
+    tick: Annotated[int | None, typer.Option(min=0, help="Tick of the picture.", show_default="the last")] = None,
 ) -> None:
-    """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
+    """Open the recording of a run in the Rerun viewer, or save what it shows."""
     if tick is not None and screenshot is None:
         raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
     check_port(port, serve=serve)

@@ -1,4 +1,4 @@
-"""The README's tutorial, followed literally."""
+"""The tutorial and the page about learners, followed literally."""
 
 import re
 from pathlib import Path
@@ -10,12 +10,14 @@ from ecology import Arena, Ecology, Need, Scenario, Species, act, contract, rest
 from ecology.agents import checkpoint, learner_class, settings
 from ecology.lab.cli import main
 
-README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parent.parent / "docs"
+TUTORIAL = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+LEARNER = (DOCS / "guides" / "learner.md").read_text(encoding="utf-8")
 
 
 def tutorial() -> str:
     """Return the file that the tutorial builds: its Python blocks, one after the other."""
-    section = README.partition("## A scenario of your own")[2].partition("Check it, run it")[0]
+    section = TUTORIAL.partition("## Run it")[0]
     return "".join(re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL))
 
 
@@ -41,9 +43,9 @@ def test_the_tutorial_builds_predators_and_prey(tmp_path):
 
 def test_the_rule_that_is_shown_takes_what_it_gives():
     """Children near a helper that calls get what it loses; the others get nothing."""
-    section = README.partition("### More words")[2].partition("## Commands")[0]
+    section = TUTORIAL.partition("## A rule")[2]
     (code,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
-    words = {"np": np}
+    words = {}
     exec(code, words)
     energy = Need(name="energy", set_point=1.0)
     helper = Species(name="helper", needs=(energy,), actions=(rest(), act("call")), position=(1.0, 1.0), count=1)
@@ -60,14 +62,13 @@ def test_the_rule_that_is_shown_takes_what_it_gives():
 
 
 def own_learner() -> str:
-    """Return the file with a learner that the README shows."""
-    section = README.partition("### A learner of your own")[2].partition("### Other people's learners")[0]
-    (found,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    """Return the file with a learner that the page shows."""
+    (found,) = re.findall(r"```python\n(.*?)```", LEARNER, flags=re.DOTALL)
     return found
 
 
 def test_a_learner_of_ones_own_runs_and_goes_on(tmp_path, monkeypatch, capsys):
-    """The README's learner is run by its path, takes a setting, learns, and goes on as if it had not been stopped."""
+    """The page's learner is run by its path, takes a setting, learns, and goes on as if it had not been stopped."""
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(own_learner(), encoding="utf-8")
 
@@ -126,18 +127,3 @@ def test_a_file_that_holds_no_learner_is_one_clear_error(name, code, said, tmp_p
     assert left.value.code == 2
     assert said in capsys.readouterr().err.replace("\n", " ")
     assert not Path("run").exists()
-
-
-def test_every_command_is_in_the_readme():
-    """The table of commands names all that there are."""
-    from ecology.lab.cli import app
-
-    names = {command.name or command.callback.__name__ for command in app.registered_commands if command.callback}
-    for name in names:
-        assert f"`ecology {name}" in README, name
-
-
-def test_every_scenario_is_in_the_readme():
-    """The table of scenarios names all that there are."""
-    for name in scenarios.names():
-        assert f"`{name}`" in README, name
