@@ -3,7 +3,7 @@
 NumPy and the C library choose among several implementations by what the processor can do, which differ in the last
 bit; from there a whole run differs. These are the reductions and polynomials of fdlibm (Sun Microsystems, 1993) in
 additions, multiplications and divisions that are rounded one by one. They are meant for finite arguments of ordinary
-size: angles up to a million, exponents between -700 and 700.
+size: angles up to a million, exponents between -700 and 700. A larger angle is first reduced by whole turns.
 
 The compiler keeps what other files inline from here and does not notice a change of this file: after one, remove the
 `__pycache__` folders.
@@ -21,6 +21,7 @@ from ecology.compiler_cache import use_cache
 use_cache(__file__)
 
 PI, HALF_PI = math.pi, math.pi / 2
+TURNS = 1e6  # radians, beyond which an angle is reduced first
 HALF_PI_HIGH, HALF_PI_LOW = 1.57079632673412561417e00, 6.07710050650619224932e-11  # 33 bits, and the rest
 LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
@@ -42,6 +43,8 @@ FINE = (2.26987774529616870924e-17, 3.06161699786838301793e-17, 1.39033110312309
 @numba.njit(cache=True)
 def cosine_and_sine(x: float) -> tuple[float, float]:
     """Return the cosine and the sine of an angle in radians."""
+    if abs(x) > TURNS:
+        x = np.fmod(x, 2.0 * PI)  # which is exact
     quarter = math.floor(x * (2.0 / PI) + 0.5)
     r = (x - quarter * HALF_PI_HIGH) - quarter * HALF_PI_LOW
     z = r * r

@@ -103,8 +103,8 @@ class ArrayWorld:
 
         `chosen` (N,) holds an index into each slot's own species' actions; entries of dead slots are ignored.
         """
-        model, seen, rng = self.model, self.perception, self._rng
         before = self.state
+        model, seen, rng = self.model, self.perception, self._rng
         state = before.next()
         # actions: what each body does
         deeds = actions.decide(model, state, seen, np.asarray(chosen))

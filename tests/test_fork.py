@@ -201,7 +201,7 @@ BAD = {
     "another tick": (["--set", "dt=0.5"], "length of a tick"),
     "another number of agents": (["--set", "count=9"], "how many slots there are: 'crowd' has 8, got 9"),
     "another number of patches": (["--set", "herds=4"], "how many patches there are: 'herds' has 3, got 4"),
-    "another world": (["--set", "lost=true"], "not what there is"),
+    "another world": (["--set", "lost=true"], "cannot add or remove"),
     "a setting told twice": (["--set", "decay=0.1", "--set", "decay=0.2"], "write --set decay=0.2 alone"),
     "a place told twice": (["--move", "berries=1,1", "--move", "berries=1,1.5"], "write --move berries=1,1.5 alone"),
     "a place of the start": (["--set", "place=0.5"], "--move berries=x,y"),

@@ -47,7 +47,7 @@ def ray(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     def remote(**options: Any) -> Callable[[Any], Any]:
         module.asked.append(options)
-        return lambda function: SimpleNamespace(remote=lambda cell: cell)
+        return lambda function: SimpleNamespace(remote=lambda *task: task)
 
     module.init = lambda *_, **__: module.joined()
     module.nodes = lambda: [{"Alive": True, "Resources": node} for node in module.alive]
