@@ -140,7 +140,7 @@ def load(folder: str | Path, *, frozen: bool = False, epsilon: float = 0.05, dev
     scenario file runs the code of that file.
     """
     runs = importlib.import_module("ecology.lab.runs.run")  # the floor above, which knows run folders
-    run = runs.opened(Path(folder), device=device)
+    run = runs.open_run(Path(folder), device=device)
     run.restore()
     if frozen:
         for learner in run.learners.values():
