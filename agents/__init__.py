@@ -133,16 +133,25 @@ class LoadedRun(NamedTuple):
     tick: Tick
 
 
-def load(folder: str | Path, *, frozen: bool = False, epsilon: float = 0.05, device: str | None = None) -> LoadedRun:
+def load(
+    folder: str | Path,
+    *,
+    frozen: bool = False,
+    epsilon: float = 0.05,
+    device: str | None = None,
+    source: str | None = None,
+) -> LoadedRun:
     """Return the world and the learners of a run folder, as its last checkpoint left them.
 
     `loop.run(*agents.load("runs/paper-0"), ticks=1_000)` continues the run exactly, in memory; the folder stays as it
     is. With `frozen` the learners learn no more and explore with `epsilon`, as in `ecology evaluate`. They compute on
-    `device`, or where the run's did. Raises EcologyError where `folder` holds no run or no whole checkpoint. A run of a
-    scenario file runs the code of that file.
+    `device`, or where the run's did. Raises EcologyError where `folder` holds no run or no whole checkpoint.
+
+    A run of a scenario file runs the code of that file. If the file has changed since or is missing, EcologyError is
+    raised unless `source` says which code to run: "kept", the copy in the run's folder, or "current", the file.
     """
     runs = importlib.import_module("ecology.lab.runs.run")  # the floor above, which knows run folders
-    run = runs.open_run(Path(folder), device=device)
+    run = runs.open_run(Path(folder), device=device, choice=source)
     run.restore()
     if frozen:
         for learner in run.learners.values():

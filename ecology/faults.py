@@ -60,8 +60,11 @@ def _words(error: BaseException) -> str:
 
 def _is_own(file: str) -> bool:
     """Return whether `file` is a scenario, a learner, or neither of the project nor of a library."""
-    if file in SHIPPED:
-        return True
+    return file in SHIPPED or not is_foreign(file)
+
+
+def is_foreign(file: str) -> bool:
+    """Return whether `file` is the project's or a library's, not a user's."""
     path = Path(file)
     above = set(map(str, path.parents))
-    return not file.startswith("<") and not above & (HOUSE | LIBRARIES) and not FOREIGN & set(path.parts)
+    return file.startswith("<") or bool(above & (HOUSE | LIBRARIES)) or bool(FOREIGN & set(path.parts))

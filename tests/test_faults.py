@@ -128,7 +128,8 @@ def test_a_rule_that_fails_is_named_and_the_run_goes_on_once_it_is_mended(ecolog
     message = err.splitlines()[-1]
     assert message == (
         f"ecology: after 25 ticks: {path}, line {line}, in share: ZeroDivisionError: division by zero. The run up to "
-        "there is kept in out; once this is mended, go on from tick 0 with: ecology run --resume out"
+        "there is kept in out; once this is mended, go on from tick 0 with: ecology run --resume out "
+        "--source current"
     )
     assert f'File "{path}", line {line_of("# MARK")}, in rule\n    share(world, 0)  # MARK\n' in err
     assert "env.py" not in err  # the frames from the rule on, and none of the project's above it
@@ -140,7 +141,7 @@ def test_a_rule_that_fails_is_named_and_the_run_goes_on_once_it_is_mended(ecolog
     )
     assert pq.read_table("out/metrics.parquet").num_rows == 25 * 3
     write()
-    assert ecology("run", "--resume", "out", "--quiet") == (0, "", "")
+    assert ecology("run", "--resume", "out", "--source", "current", "--quiet") == (0, "", "")
     assert ecology("run", "world.py", "--out", "whole", "--quiet", "--record", "every=1") == (0, "", "")
     same("out", "whole")
     assert pq.read_table("out/metrics.parquet").equals(pq.read_table("whole/metrics.parquet"))
@@ -166,7 +167,7 @@ def test_it_goes_on_from_the_last_checkpoint(ecology: Command) -> None:
     code, _, err = ecology("run", "--resume", "out", "--quiet")  # not mended
     assert (code, "after 25 ticks" in err, "from tick 20" in err) == (2, True, True)
     write()
-    assert ecology("run", "--resume", "out", "--quiet")[0] == 0
+    assert ecology("run", "--resume", "out", "--source", "current", "--quiet")[0] == 0
 
 
 @pytest.mark.parametrize("record", ["--record", "--no-record"])
@@ -263,29 +264,31 @@ def test_a_fork_tells_of_past_and_future(ecology: Command) -> None:
     """Where the fork fails, its folder is kept; where the past that is lived again fails, nothing is begun."""
     assert ecology("run", "world.py", "--out", "run", "--no-record", "--quiet")[0] == 0
     write(FAILS="25")
-    code, _, err = ecology("fork", "run", "--at", "30", "--out", "new", "--quiet")
+    words = ("--out", "new", "--source", "current", "--quiet")
+    code, _, err = ecology("fork", "run", "--at", "30", *words)
     assert code == 2
     assert "ecology: after 25 ticks: " in err
     assert "in share: ZeroDivisionError" in err
     assert not Path("new").exists()
-    code, _, err = ecology("fork", "run", "--at", "20", "--out", "new", "--quiet")
+    code, _, err = ecology("fork", "run", "--at", "20", *words)
     assert code == 2
-    assert "go on from tick 20 with: ecology run --resume new" in err
+    assert "go on from tick 20 with: ecology run --resume new --source current" in err
     write()
-    assert ecology("run", "--resume", "new", "--quiet")[0] == 0
+    assert ecology("run", "--resume", "new", "--source", "current", "--quiet")[0] == 0
     same("run", "new")
 
 
 def test_a_sweep_tells_of_every_run(ecology: Command) -> None:
-    """Runs whose rule fails are told by place with exit code 2, kept, and gone on with by the same command."""
+    """Runs whose rule fails are told by place with exit code 2, kept, and resumed by the same command once mended."""
     write(FAILS="25")
-    code, out, err = ecology("sweep", "world.py", "--seeds", "0:1", "--workers", "1", "--out", "out", "--quiet")
+    words = ("sweep", "world.py", "--seeds", "0:1", "--workers", "1", "--out", "out", "--quiet")
+    code, out, err = ecology(*words)
     assert (code, out) == (2, "")
     assert f"line {line_of('return 1 / parts')}, in share: ZeroDivisionError: division by zero" in err
     assert err.count("ecology: the run ") == 1
     assert "Traceback" not in err
     write()
-    assert ecology("sweep", "world.py", "--seeds", "0:1", "--workers", "1", "--out", "out", "--quiet")[0] == 0
+    assert ecology(*words, "--source", "current")[0] == 0
     assert pq.read_table("out/sweep.parquet")["ticks"].to_pylist() == [60]
 
 

@@ -89,8 +89,8 @@ def test_the_source_distribution_holds_what_its_tests_need(tmp_path: Path) -> No
     made = shutil.ignore_patterns("__pycache__", "*.egg-info")
     source = tmp_path / "source"
     source.mkdir()
-    top = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md", "constraints.txt",
-           "pyproject.toml")  # fmt: skip
+    top = (".gitignore", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md",
+           "constraints.txt", "noxfile.py", "pyproject.toml")  # fmt: skip
     folders = (*FOLDERS, "tests", "docs")
     for name in top:
         shutil.copy(ROOT / name, source)

@@ -47,7 +47,8 @@ def test_commands_draw_when_a_notebook_starts_them(tmp_path: Path) -> None:
 def test_the_library_draws_with_any_backend(backend: str, tmp_path: Path) -> None:
     """From Python, too, MPLBACKEND stops nothing that this project draws."""
     code = (
-        "import ecology; from ecology import scenarios\nenv = ecology.parallel_env(scenarios.load('paper'), render_mode='rgb_array')\n"
+        "import ecology; from ecology import scenarios\n"
+        "env = ecology.parallel_env(scenarios.load('paper'), render_mode='rgb_array')\n"
         "env.reset(seed=0); print(env.render().shape)"
     )
     assert run_python(code, tmp_path, backend) == "(600, 800, 3)\n"

@@ -62,7 +62,7 @@ def cli(*words: str) -> None:
 
 
 def _files(folder: Path) -> dict[Path, bytes]:
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != ".lock"}
 
 
 @pytest.fixture
@@ -197,7 +197,7 @@ def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
     out = tmp_path / "mine"
     cli("run", "paper", "--learner", "random", "--ticks", "200", "--out", str(out), "--quiet")
     assert {path.name for path in out.iterdir()} == {
-        "config.toml", "summary.json", "metrics.parquet", "recording.rrd", "checkpoint", "checkpoint.previous",
+        "config.toml", "summary.json", "metrics.parquet", "recording.rrd", "checkpoint", "checkpoint.previous", ".lock",
     }  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     assert summary["scenario"] == "paper"

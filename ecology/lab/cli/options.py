@@ -22,6 +22,17 @@ Port = Annotated[
     typer.Option(min=1, max=65535, help="Port of the page for --serve.", show_default="9090, or one that is free"),
 ]
 
+Source = Annotated[
+    str | None,
+    typer.Option(
+        "--source",
+        metavar="kept|current",
+        help="If a scenario or learner file of the run has changed or is missing: load the copy kept in RUN/source, or "
+        "the file as it is now.",
+        show_default="report an error",
+    ),
+]
+
 
 def announces_compiling(command: Callable[..., None]) -> Callable[..., None]:
     """Let a command report that it waits for loops to be compiled, unless it is quiet."""

@@ -1,4 +1,4 @@
-"""The process of one run of a sweep: `python -P -m ecology.lab.cli.worker [--evaluate] FOLDER`."""
+"""The process of one run of a sweep: `python -P -m ecology.lab.cli.worker [--evaluate] [--source CHOICE] FOLDER`."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from ecology.lab.cli import main
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 from ecology.lab.runs.folder import CONFIG, SUMMARY, lock, write_json
 from ecology.lab.runs.run import open_run
-from ecology.lab.runs.run_config import read_config, resolve
+from ecology.lab.runs.run_config import read_config
 from ecology.lab.runs.sweep import LEARNED, LEARNED_OWN, PATIENCE, USER_ERROR, stop_with_parent, summary_at
 
 
-def work(folder: Path, *, evaluate: bool) -> None:
+def work(folder: Path, *, evaluate: bool, source: str | None = None) -> None:
     """Live what is left of a run, and measure it if it is to be evaluated; stop when standard input closes."""
     stop_with_parent()
     with contextlib.suppress(EcologyError), lock(folder, patience=PATIENCE):
         pass  # the last process in the folder has ended
-    if not evaluate or summary_at(folder, resolve(config=read_config(folder / CONFIG)).ticks) is None:
+    if not evaluate or summary_at(folder, read_config(folder / CONFIG)["ticks"]) is None:
         try:
-            main(["run", "--resume", str(folder), "--quiet"])
+            main(["run", "--resume", str(folder), "--quiet", *(["--source", source] if source else [])])
         except SystemExit as left:
             if left.code or not evaluate:
                 raise
     try:
-        measure(folder)
+        measure(folder, source)
     except EcologyError as error:
         print(f"ecology: {error}", file=sys.stderr)
         sys.exit(USER_ERROR)
 
 
-def measure(folder: Path) -> None:
+def measure(folder: Path, source: str | None = None) -> None:
     """Add to the summary of a run what the learner of its first species has learned."""
-    run = open_run(folder, device="cpu")
+    run = open_run(folder, device="cpu", choice=source)
     run.restore()
     learner = next(iter(run.learners.values()))
     life = lives.fresh_life(run.scenario, learner, EVALUATED, run.plan.seed + EVALUATION_SEED)
@@ -49,4 +49,5 @@ def measure(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    work(Path(sys.argv[-1]), evaluate="--evaluate" in sys.argv)
+    chosen = sys.argv[sys.argv.index("--source") + 1] if "--source" in sys.argv else None
+    work(Path(sys.argv[-1]), evaluate="--evaluate" in sys.argv, source=chosen)

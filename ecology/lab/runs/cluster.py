@@ -55,7 +55,7 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
     task = ray.remote(num_cpus=1, num_gpus=gpus, memory=int(needs["memory"]), max_retries=0)(_in_worker)
 
     def attempt(cell: Cell, stop: threading.Event) -> tuple[int, str]:
-        under_way = task.remote(cell.folder, cell.evaluate)
+        under_way = task.remote(cell.folder, cell.evaluate, cell.source)
         while not ray.wait([under_way], timeout=0.2)[0]:
             if stop.is_set():
                 ray.cancel(under_way)
@@ -158,6 +158,6 @@ def _errors_of_ray(lines: list[str]) -> Iterator[None]:
             lines += kept.read().decode(errors="replace").splitlines()
 
 
-def _in_worker(folder: Path, evaluate: bool) -> tuple[int, str]:
+def _in_worker(folder: Path, evaluate: bool, source: str | None) -> tuple[int, str]:
     """Live a run on a machine of the cluster; a cancelled task stops it as Ctrl-C would."""
-    return in_own_process(folder, evaluate, threading.Event())
+    return in_own_process(folder, evaluate, source, threading.Event())

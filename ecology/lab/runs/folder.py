@@ -5,19 +5,19 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
-import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from ecology.errors import EcologyError, readable
 
 CONFIG = "config.toml"
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"
+LOCK = ".lock"  # file that the process that writes to the folder has locked
 KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
 WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
 
@@ -59,50 +59,31 @@ def replace_text(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
-    """Keep other processes out of `folder`; EcologyError where one is still in it after `patience` seconds."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield
-        return
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # not there: whoever opens it next says so
-        yield
-        return
-    try:
-        until = time.monotonic() + patience
-        while True:
+    """Keep other processes out of `folder`; raise EcologyError if one still has it locked after `patience` seconds.
+
+    The lock ends with the process, however that ends. A folder that does not exist or cannot be written is left
+    unlocked: the code that uses it next reports that.
+    """
+    with contextlib.ExitStack() as stack:
+        if folder.is_dir():  # FileLock would create it
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError as error:
-                if time.monotonic() >= until:
-                    raise EcologyError(
-                        f"another process is writing to the folder {str(folder)!r}; let it end, or stop it."
-                    ) from error
-                time.sleep(0.1)
-            except OSError:  # a file system without locks
-                break
+                stack.enter_context(FileLock(folder / LOCK).acquire(timeout=patience, poll_interval=0.1))
+            except Timeout as error:
+                raise EcologyError(
+                    f"another process is writing to the folder {str(folder)!r}; wait until it ends, or stop it."
+                ) from error
+            except OSError:  # read-only, or on a file system without locks
+                pass
         yield
-    finally:
-        os.close(handle)
 
 
 def is_locked(folder: Path) -> bool:
-    """Return whether another process may be in `folder`: False where none is for certain."""
+    """Return whether another process may have `folder` locked; False only if none has."""
     try:
-        import fcntl
-    except ImportError:  # Windows
+        with FileLock(folder / LOCK).acquire(timeout=0.0):
+            return False
+    except OSError:  # Timeout is one
         return True
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        return False
-    except OSError:  # it is held, or the file system has no locks
-        return True
-    finally:
-        os.close(handle)
 
 
 def _finite(value: Any) -> Any:

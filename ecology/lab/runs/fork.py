@@ -45,7 +45,7 @@ def fork(
     did. Raises EcologyError where they do not fit.
     """
     plan = resolve(config=read_config(run.folder / CONFIG), changes=changes, ticks=ticks, device=device,
-                   record=record, keep_every=keep_every)  # fmt: skip
+                   record=record, keep_every=keep_every, copies=run.plan.copies)  # fmt: skip
     told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(changes), "remove": list(remove)}
     told["move"] = {name: list(place) for name, place in (move or {}).items()}
     if plan.ticks <= at:

@@ -15,6 +15,7 @@ from ecology import Ecology, EcologyError, Scenario, State, Tick, agents, faults
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError, Learner
 from ecology.errors import writable
+from ecology.lab.runs import source
 from ecology.lab.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -284,9 +285,10 @@ class Run:
         self.learners = {}
         for i, (species, choice) in enumerate(plan.learners.items()):
             group = self.env.groups[species]
-            with _room(f"the learner {choice.name} of {group.size} {species} {_big(choice)}".rstrip()):
+            with _room(f"the learner {choice.name} of {group.size} {species} {_big(choice, plan.copies)}".rstrip()):
+                name = source.locate(choice.name, plan.copies)
                 self.learners[species] = agents.make(
-                    choice.name, group, learner_seed(plan.seed, i), choice.settings, plan.device
+                    name, group, learner_seed(plan.seed, i), choice.settings, plan.device
                 )
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
         with _room(f"a world of {self.env.size} agents"):
@@ -309,6 +311,7 @@ class Run:
     def check_folder(self) -> None:
         """Raise EcologyError where the folder already holds a run."""
         holds = [name for name in WRITES if (self.folder / name).exists()]
+        holds += [source.SOURCE] if source.is_foreign(self.folder) else []
         if holds:
             raise EcologyError(
                 f"the folder {str(self.folder)!r} already holds a run ({', '.join(holds)}); give another "
@@ -321,6 +324,7 @@ class Run:
         text = self.plan.to_toml()
         with writable(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
+            source.keep(self.plan.code, self.folder, self.plan.copies)
             if self.plan.forked:  # its first tick cannot be lived again
                 self.save(self.folder / KEPT / str(self.now))
                 self.save()
@@ -403,6 +407,8 @@ class Run:
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)
             if self._resumed:
+                if self.plan.copies is None:
+                    source.keep(self.plan.code, self.folder, tick=self.now)
                 replace_text(self.folder / CONFIG, text)
             if self._previous:
                 checkpoint.put_aside(self.folder / CHECKPOINT)
@@ -439,9 +445,15 @@ class Run:
                 raise
             then = kept * (
                 f"The run up to there is kept in {self.folder}; once this is mended, go on from tick {self._saved} "
-                f"with: ecology run --resume {self.folder}"
+                f"with: {self.resume_command(mended=True)}"
             )
             raise faults.wrap(f"after {self.now} ticks", error, then) from error
+
+    def resume_command(self, *, mended: bool = False) -> str:
+        """Return the command that resumes the run, once its own code is `mended` or as it is."""
+        choice = source.CURRENT if mended else source.KEPT if self.plan.copies else None
+        option = f" --source {choice}" if choice and any(map(source.is_file, self.plan.code)) else ""
+        return f"ecology run --resume {self.folder}{option}"
 
     def _keep(self, observers: Sequence[Observer]) -> None:
         """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
@@ -518,9 +530,9 @@ def _room(what: str) -> Iterator[None]:
         raise EcologyError(f"{what} is too large for the memory of this machine ({told}); make it smaller.") from error
 
 
-def _big(choice: Choice) -> str:
+def _big(choice: Choice, copies: Path | None) -> str:
     """Return the whole numbers that a learner was given beyond its defaults, as "(memory 9000)"."""
-    usual = agents.settings(choice.name)
+    usual = agents.settings(source.locate(choice.name, copies))
     big = [
         f"{key} {value}"
         for key, value in choice.settings.items()
@@ -534,11 +546,21 @@ def learner_seed(seed: int, species: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(seed, spawn_key=(LEARNER_STREAM, species))
 
 
-def open_run(folder: Path, ticks: int | None = None, device: str | None = None) -> Run:
-    """Return the run that `folder` holds, its learners and its world as built, not yet restored.
+def read_plan(folder: Path, ticks: int | None = None, device: str | None = None, choice: str | None = None) -> Plan:
+    """Return the plan of the run in `folder`, with other `ticks` and another `device` if given.
 
-    Its learners compute on the run's device, or on another: a checkpoint holds the same whatever wrote it.
+    `choice` says which code of the user's own to load, see `source.choose`.
     """
     if not (folder / CONFIG).is_file():
         raise EcologyError(f"the folder {str(folder)!r} holds no run: there is no {CONFIG} in it.")
-    return Run(resolve(config=read_config(folder / CONFIG), ticks=ticks, device=device), folder)
+    config = read_config(folder / CONFIG)
+    return resolve(config=config, ticks=ticks, device=device, copies=source.choose(folder, choice))
+
+
+def open_run(folder: Path, ticks: int | None = None, device: str | None = None, choice: str | None = None) -> Run:
+    """Return the run that `folder` holds, its learners and its world as built, not yet restored.
+
+    Its learners compute on the run's device, or on another: a checkpoint holds the same whatever wrote it. For
+    `choice` see `read_plan`.
+    """
+    return Run(read_plan(folder, ticks, device, choice), folder)

@@ -22,6 +22,7 @@ import tomli_w
 import ecology
 from ecology import EcologyError, Scenario, agents, scenarios
 from ecology.errors import nearest
+from ecology.lab.runs import source
 from ecology.lab.runs.folder import CONFIG
 
 CHECKPOINT_EVERY = 10_000  # ticks
@@ -53,16 +54,22 @@ class Plan:
     checkpoint_every: int = CHECKPOINT_EVERY  # ticks
     keep_every: int = 0  # ticks between two checkpoints that are kept for good; 0 keeps none
     forked: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # of which run, when, and what was changed
+    copies: Path | None = None  # folder to load the user's own code from, None: its place; not in the config
     world: Scenario | None = dataclasses.field(default=None, compare=False, repr=False)  # as loaded, not in the config
+
+    @property
+    def code(self) -> list[str]:
+        """Return the scenario and the learners, by their names or files."""
+        return [self.scenario, *(choice.name for choice in self.learners.values())]
 
     def load(self) -> Scenario:
         """Return the scenario of the run, loaded once."""
         if self.world is not None:
             return self.world
-        changes = dict(self.settings)
-        if "ticks" in scenarios.settings(self.scenario):
+        changes, name = dict(self.settings), source.locate(self.scenario, self.copies)
+        if "ticks" in scenarios.settings(name):
             changes["ticks"] = self.ticks
-        return scenarios.load(self.scenario, **changes)
+        return source.with_origins(scenarios.load(name, **changes), self.copies)
 
     def to_toml(self) -> str:
         """Return the text of config.toml."""
@@ -133,6 +140,7 @@ def resolve(
     config: Mapping[str, Any] | None = None,
     changes: Mapping[str, Any] | None = None,
     learners: Iterable[str] = (),
+    copies: Path | None = None,
     **flags: Any,
 ) -> Plan:
     """Return the plan of a run from what a user typed.
@@ -140,7 +148,7 @@ def resolve(
     `config` is as `read_config` returned it; `changes` are settings by name, those of learners as
     "learner.KEY" or "SPECIES.learner.KEY"; `learners` are "NAME" or "SPECIES=NAME"; `flags` are the
     plan's other fields, None where not given. What was typed goes before the config, the config
-    before the scenario's defaults.
+    before the scenario's defaults. The user's own code is loaded from the folder `copies`, if given.
     """
     words, changes = dict(config or {}), dict(changes or {})
     words |= {key: value for key, value in flags.items() if value is not None}
@@ -156,13 +164,14 @@ def resolve(
         )
     tweaks = {key: changes.pop(key) for key in list(changes) if "." in key}
     settings = {**words.get("settings", {}), **changes}
-    if "ticks" in scenarios.settings(scenario):  # a setting of that name is the length of the run
+    file = source.locate(scenario, copies)
+    if "ticks" in scenarios.settings(file):  # a setting of that name is the length of the run
         if flags.get("ticks") is None and "ticks" in changes:
             words["ticks"] = changes["ticks"]
         if "ticks" in words:
             settings["ticks"] = words["ticks"]
     ticks = words.get("ticks")
-    world = scenarios.load(scenario, **settings)
+    world = source.with_origins(scenarios.load(file, **settings), copies)
     given = words.get("learners", {})
     chosen = {}
     for species in world.species:
@@ -180,14 +189,15 @@ def resolve(
     for unknown in given.keys() - chosen.keys():
         raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
     ticks = world.ticks if ticks is None else ticks
-    resolved = _tweaked(chosen, tweaks)
-    _check_device(words.get("device", "cpu"), {name for name, _ in resolved.values()})
+    resolved = _tweaked(chosen, tweaks, copies)
+    _check_device(words.get("device", "cpu"), {source.locate(name, copies) for name, _ in resolved.values()})
     plan = Plan(
         scenario=_placed(scenario),
         settings={key: value for key, value in world.settings.items() if key != "ticks"},
         learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
         ticks=ticks,
         forked=words.get("forked", {}),
+        copies=copies,
         **{key: words[key] for key in PLAIN if key in words and key not in ("scenario", "ticks")},
     )
     for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1), ("keep_every", 0)):
@@ -201,7 +211,7 @@ def resolve(
 
 def _placed(name: str) -> str:
     """Return the name of a scenario or a learner; where it is a file, by its whole path."""
-    return os.path.abspath(name) if re.search(r"\.py(:\w+)?$", name) else name
+    return os.path.abspath(name) if source.is_file(name) else name
 
 
 Chosen = dict[str, tuple[str, dict[str, Any]]]  # species -> learner, settings
@@ -214,9 +224,9 @@ def _owners(species: str, chosen: Chosen) -> list[str]:
     return [species] if species else list(chosen)
 
 
-def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any]) -> Chosen:
+def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None) -> Chosen:
     """Return every learner with its defaults filled in and `tweaks` applied."""
-    defaults = {owner: agents.settings(name) for owner, (name, _) in chosen.items()}
+    defaults = {owner: agents.settings(source.locate(name, copies)) for owner, (name, _) in chosen.items()}
     full = {owner: (name, {**defaults[owner], **own}) for owner, (name, own) in chosen.items()}
     for key, value in tweaks.items():
         match = re.fullmatch(r"(?:(\w+)\.)?learner\.(\w+)", key)

@@ -28,6 +28,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ecology.errors import EcologyError, nearest, readable, writable
+from ecology.lab.runs import source as sources
 from ecology.lab.runs.folder import CONFIG, SUMMARY, replace_text
 from ecology.lab.runs.run_config import Plan, resolve
 from ecology.lab.runs.stopping import StoppedError
@@ -60,6 +61,7 @@ class Cell:
     varied: Mapping[str, Any]  # "set.KEY", "learner": what was typed, the seed aside
     folder: Path
     evaluate: bool = False  # whether what was learned is measured after the run
+    source: str | None = None  # which code of the user's own resumes it, see `source.choose`
 
     @property
     def name(self) -> str:
@@ -102,6 +104,7 @@ def cells_of(
     settings: Mapping[str, Sequence[Any]],
     learners: Sequence[str] = (),
     evaluate: bool = False,
+    source: str | None = None,
     **flags: Any,
 ) -> list[Cell]:
     """Return every run of a sweep, each plan resolved and checked; seeds vary fastest.
@@ -128,7 +131,9 @@ def cells_of(
         for seed in seeds:
             name = _name(several, seed)
             folder = out / RUNS / name
-            cells[name] = Cell(plan=replace(plan, seed=seed), varied=varied, folder=folder, evaluate=evaluate)
+            cells[name] = Cell(
+                plan=replace(plan, seed=seed), varied=varied, folder=folder, evaluate=evaluate, source=source
+            )
     return list(cells.values())
 
 
@@ -182,6 +187,7 @@ def check(cell: Cell) -> None:
             f"the folder {str(cell.folder)!r} holds a run of another sweep: it differs in {' and '.join(differ)}. "
             "Give another --out."
         )
+    sources.choose(cell.folder, cell.source)
 
 
 def check_folder(out: Path, cells: Sequence[Cell]) -> None:
@@ -307,6 +313,7 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
             with writable(cell.folder):
                 cell.folder.mkdir(parents=True, exist_ok=True)
                 if not (cell.folder / CONFIG).exists():
+                    sources.keep(cell.plan.code, cell.folder)
                     replace_text(cell.folder / CONFIG, cell.plan.to_toml())
         except EcologyError as error:
             return Outcome(cell, None, str(error), USER_ERROR)
@@ -325,12 +332,13 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
 
 def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
     """Live a run in a process of one thread; return its exit code and its last line of error."""
-    return in_own_process(cell.folder, cell.evaluate, stop)
+    return in_own_process(cell.folder, cell.evaluate, cell.source, stop)
 
 
-def in_own_process(folder: Path, evaluate: bool, stop: threading.Event) -> tuple[int, str]:
+def in_own_process(folder: Path, evaluate: bool, source: str | None, stop: threading.Event) -> tuple[int, str]:
     """Live the run in `folder` in a process of one thread, and measure it if it is to be evaluated."""
-    return in_process([WORKER, *(["--evaluate"] if evaluate else []), str(folder)], stop)
+    options = [*(["--evaluate"] if evaluate else []), *(["--source", source] if source else [])]
+    return in_process([WORKER, *options, str(folder)], stop)
 
 
 def in_process(words: Sequence[str], stop: threading.Event) -> tuple[int, str]:

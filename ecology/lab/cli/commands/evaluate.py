@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import EcologyError, check_writable, nearest, writable
-from ecology.lab.cli.options import Quiet, announces_compiling, format_number, read_pairs, read_setting
+from ecology.lab.cli.options import Quiet, Source, announces_compiling, format_number, read_pairs, read_setting
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def command(
     again: Annotated[
         bool, typer.Option("--again", help="Replace an existing evaluation made with other options.")
     ] = False,
+    source: Source = None,
     quiet: Quiet = False,
 ) -> None:
     """Evaluate a run's learner against baselines; write evaluation.json and figures."""
@@ -53,7 +54,7 @@ def command(
     from ecology.lab.runs.run import open_run
     from ecology.observers import recorder
 
-    it = open_run(run, device=device)
+    it = open_run(run, device=device, choice=source)
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
     learner = it.learners[species or next(iter(it.learners))]
@@ -107,13 +108,16 @@ def _world_to_measure_in(it: Run, species: str, scenario: str | None, changes: S
     That is the run's own for its first species in its own world, and else one within it, named for what is another.
     """
     from ecology import scenarios
+    from ecology.lab.runs.source import locate
 
     words = [] if species == next(iter(it.learners)) else ["of", species]
     world = it.scenario
     if scenario is not None or changes:
         own = {} if scenario is not None else it.plan.settings
         scenario = scenario or it.plan.scenario
-        world = scenarios.load(scenario, **{**own, **read_pairs("--set", changes, read_setting)})
+        world = scenarios.load(
+            locate(scenario, it.plan.copies), **{**own, **read_pairs("--set", changes, read_setting)}
+        )
         words += ["in", Path(scenario).stem, *changes]
     return world, it.folder / re.sub(r"[^\w=.-]+", "_", "-".join(words))
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ecology.errors import EcologyError
-from ecology.lab.cli.options import Quiet, announces_compiling, read_pairs, read_setting
+from ecology.lab.cli.options import Quiet, Source, announces_compiling, read_pairs, read_setting
 
 ORDER = 6
 
@@ -37,6 +37,7 @@ def command(
         str | None,
         typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="as the run"),
     ] = None,
+    source: Source = None,
     quiet: Quiet = False,
 ) -> None:
     """Continue a run from a tick with one thing changed, in a folder of its own."""
@@ -49,7 +50,7 @@ def command(
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(lock(run))
-        it = open_run(run, device=device)
+        it = open_run(run, device=device, choice=source)
         forked = forks.fork(
             it,
             at,

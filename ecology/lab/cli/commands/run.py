@@ -14,6 +14,7 @@ from ecology.lab.cli.options import (
     RECORD,
     Port,
     Quiet,
+    Source,
     announces_compiling,
     check_port,
     read_pairs,
@@ -45,6 +46,7 @@ def command(
     previous: Annotated[
         bool, typer.Option("--previous", help="With --resume: resume from the checkpoint before the last.")
     ] = False,
+    source: Source = None,
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer on the run.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Show the run in a browser, and let viewers attach.")] = False,
     port: Port = None,
@@ -74,6 +76,8 @@ def command(
         refuse_with("--resume", record=record, no_record=no_record or None, keep_every=keep_every)
     elif previous:
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
+    if source is not None and resume is None and config is None:
+        raise EcologyError("--source requires --resume RUN or --config FILE: a new run uses the files as they are.")
     check_port(port, serve=serve)
     from ecology.lab.cli.live import live, make_observers
     from ecology.lab.runs.folder import lock
@@ -82,13 +86,14 @@ def command(
     with contextlib.ExitStack() as stack:
         if resume is not None:
             stack.enter_context(lock(resume))
-            it = open_run(resume, ticks, device)
+            it = open_run(resume, ticks, device, source)
             it.resume(previous=previous)
         else:
             it = _new_run(
                 scenario,
                 out,
                 config,
+                source,
                 changes=read_pairs("--set", set_, read_setting),
                 learners=learner or (),
                 ticks=ticks,
@@ -106,15 +111,17 @@ def command(
         live(it, observers, quiet=quiet)
 
 
-def _new_run(scenario: str | None, out: Path | None, config: Path | None, **options: Any) -> Run:
+def _new_run(scenario: str | None, out: Path | None, config: Path | None, source: str | None, **options: Any) -> Run:
     """Return a run as `resolve` takes it, not yet begun; EcologyError where its folder is taken."""
+    from ecology.lab.runs import source as sources
     from ecology.lab.runs.run import Run
     from ecology.lab.runs.run_config import read_config, resolve
 
     words = None if config is None else read_config(config)
     if words and "forked" in words:
         raise EcologyError(f"the config {str(config)!r} is of a fork; repeat that with `ecology fork`.")
-    plan = resolve(scenario, config=words, **options)
+    copies = None if config is None else sources.choose(config.parent, source)
+    plan = resolve(scenario, config=words, copies=copies, **options)
     run = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
     run.check_folder()
     return run

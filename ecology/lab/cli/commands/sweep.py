@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import writable
-from ecology.lab.cli.options import Quiet, announces_compiling, count_cpus, format_number, read_pairs
+from ecology.lab.cli.options import Quiet, Source, announces_compiling, count_cpus, format_number, read_pairs
 from ecology.lab.runs.stopping import StoppedError
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def command(
         list[str] | None,
         typer.Option(metavar="COLUMN", help="Column of sweep.parquet to print and draw.", show_default="the drive"),
     ] = None,
+    source: Source = None,
     quiet: Quiet = False,
 ) -> None:
     """Run many seeds and settings; write one table and one figure. Run the same command again to resume."""
@@ -84,7 +85,7 @@ def command(
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = sweeps.cells_of(
         scenario, out, seeds=sweeps.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
-        ticks=ticks, record=record, device=device,
+        ticks=ticks, record=record, device=device, source=source,
     )  # fmt: skip
     gpus = cluster.gpus_per_run(ray, device, gpus, memory)
     _check(cells, out, show or (), elsewhere=ray is not None)
