@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ecology import EcologyError, Group
+from ecology.observers.base import Decision
 from ecology.senses import Layout
 
 
@@ -66,6 +67,7 @@ class Learner(ABC):
     """
 
     devices = False  # whether `with_settings` takes a device to compute on; else it is the CPU
+    decides = False  # whether `decision` returns what an agent weighs
 
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         self.group = group
@@ -123,12 +125,16 @@ class Learner(ABC):
         """Return -ln(gamma) J, drive units, (m,) at states (m, D), of the agent in `slot`, or None."""
         return None
 
-    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any] | None:
-        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open, or None.
+    def follow(self, slots: Collection[int]) -> None:  # noqa: B027
+        """Keep from now on what the agents in `slots`, rows of this species, weigh when they decide; forget the rest.
 
-        Per movement (M,): names, open, next_drive (predicted), slope (dJ/dzeta . f), sum of the two, and
-        score, the least of which it takes. Besides J (-ln(gamma) J at zeta, drive units), gamma, and
-        error (D,), that of f per component: 0 is perfect, 1 as bad as predicting no change, NaN unknown.
+        It must not change what an agent does or learns: observers call it.
+        """
+
+    def decision(self, slot: int) -> Decision | None:
+        """Return the decision that the agent in `slot` acts on, None where there is none.
+
+        It is as it was when it was made if the agent was followed then. A learner that returns one sets `decides`.
         """
         return None
 

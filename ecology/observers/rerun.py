@@ -26,7 +26,7 @@ from ecology.errors import EcologyError
 from ecology.observers import census, maps, relay, shapes
 from ecology.observers.backdrop import open_scene
 from ecology.observers.base import Mind
-from ecology.observers.census import Census, Focus, Happening
+from ecology.observers.census import Census, Choice, Focus, Happening
 from ecology.observers.drawing import Drawing
 from ecology.observers.layout import blueprint
 from ecology.observers.readback import recording_id
@@ -129,7 +129,7 @@ class RerunObserver:
             first=self._focus.first,
             told={name: tuple(minds[name].report()) for name in env.groups},
             mapped={name: self._deviation(name) is not None for name in env.groups},
-            decides={name: self._decision(name, None) is not None for name in env.groups},
+            decides={name: bool(env.groups[name].size) and self._minds[name].decides for name in env.groups},
             coupled=tuple(name for name in env.groups if env.coupling(name) is not None),
             measures=tuple(scenario.measures),
             grows=env.open_population,
@@ -148,6 +148,8 @@ class RerunObserver:
         self._happened: list[Happening] = []
         self._told: set[str] = set()  # species whose focus is another since the last sample
         self._past: dict[str, census.Past] = {name: census.Past() for name in scene.groups}
+        self._decided: dict[str, list[Choice]] = {name: [] for name in scene.groups}  # since the last sample
+        self._follow()
         self._since = time.monotonic()
         self._next_map, self._sampled = 0, 0
         self._sample(state, None)
@@ -158,11 +160,16 @@ class RerunObserver:
         """Take a sampled tick, and send what has gathered now and then."""
         sampled = state.tick % self._every == 0
         turned = sampled and self._heed(state)
-        self._told.update(self._focus.look(state, anew=turned or state.tick % FOCUS_TICKS == 0))
+        changed = self._focus.look(state, anew=turned or state.tick % FOCUS_TICKS == 0)
+        self._told.update(changed)
+        if changed:
+            self._follow()
         slots = np.array(list(self._focus.slots.values()), np.int64)
         self._happened += self._census.watch(state, tick, None if self._scene.few else slots[slots >= 0])
         for name, past in self._past.items():
             past.follow(self._focus.serials[name], state.drive[self._focus.slots[name]])
+        for name in self._scene.groups:
+            self._decide(name, state, sampled=sampled)
         if not sampled:
             self._steps.append(self._placed(state))
             return
@@ -304,6 +311,7 @@ class RerunObserver:
         self._samples.append(sample)
         self._sampled += 1
         self._steps, self._happened, self._told = [], [], set()
+        self._decided = {name: [] for name in scene.groups}
 
     def _look(self, name: str, state: State, tick: Tick | None) -> dict[str, Any]:
         """Return what is shown of the agent in focus of a species."""
@@ -316,23 +324,31 @@ class RerunObserver:
         gap = plane_of(self._scene.scenario.arena).gap(state.position[slot], seen)
         shown["sight"] = state.position[slot] + gap
         shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]))
-        decision = self._decision(name, tick) if tick is not None else None
-        if decision is not None:
-            shown["decision"] = decision
-            shown["error"] = np.asarray(decision["error"], float)
-            shown["met"] = past.judge(state.tick, state.time, float(decision["gamma"]), self._env.dt)
+        shown["own"] = float(state.own_drive[slot])
+        shown["choices"] = self._decided[name]
+        if tick is not None and self._decided[name]:
+            decision, row = self._decided[name][-1].decision, slot - self._scene.groups[name].slots.start
+            value = self._minds[name].deviation(row, tick.observations[name][row : row + 1])
+            shown["J"] = decision.value if value is None else float(value[0])
+            shown["error"] = np.asarray(decision.error, float)
+            shown["met"] = past.judge(state.tick, state.time, float(decision.gamma), self._env.dt)
         return shown
 
-    def _decision(self, name: str, tick: Tick | None) -> dict[str, Any] | None:
-        """Return what the focus of a species weighs now; without a tick, whether it could."""
-        group = self._env.groups[name]
-        row = self._focus.slots[name] - group.slots.start
-        if not group.size or (tick is not None and row < 0):
-            return None
-        if tick is None:
-            zeta = np.zeros(len(group.layout.names), np.float32)
-            return self._minds[name].decision(0, zeta, np.ones(len(group.actions), bool))
-        return self._minds[name].decision(row, tick.observations[name][row], tick.masks[name][row])
+    def _follow(self) -> None:
+        """Let the minds keep the decisions of those in focus."""
+        for name, group in self._scene.groups.items():
+            if self._scene.decides[name]:
+                slot = self._focus.slots[name]
+                self._minds[name].follow([slot - group.slots.start] if slot >= 0 else [])
+
+    def _decide(self, name: str, state: State, *, sampled: bool) -> None:
+        """Note the decision of the focus of a species at a sample, and where it has just been made."""
+        slot = self._focus.slots[name]
+        if slot < 0 or not self._scene.decides[name]:
+            return
+        decision = self._minds[name].decision(slot - self._scene.groups[name].slots.start)
+        if decision is not None and (sampled or decision.age == 1):
+            self._decided[name].append(Choice(state.tick, state.time, self._focus.name(name), decision))
 
     def _coupling(self, name: str, state: State) -> np.ndarray | None:
         """Return the weights with which the first living feel the first living of each species, (n, m)."""
