@@ -9,14 +9,17 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ecology import Ecology, EcologyError, Group, Tick, faults
+from ecology import faults
 from ecology.agents.base import Learner
 from ecology.beside import importable_beside
-from ecology.errors import nearest
+from ecology.errors import EcologyError, nearest
+
+if TYPE_CHECKING:
+    from ecology.env import Ecology, Group, Tick
 
 faults.HOUSE.add(str(Path(__file__).parent))
 

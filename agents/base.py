@@ -6,13 +6,16 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import EcologyError, Group
-from ecology.observers.base import Decision
-from ecology.senses import Layout
+from ecology.decision import Decision
+from ecology.errors import EcologyError
+
+if TYPE_CHECKING:
+    from ecology.env import Group
+    from ecology.senses import Layout
 
 
 class DivergedError(EcologyError):

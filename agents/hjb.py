@@ -28,7 +28,7 @@ from ecology.agents.curiosity import Curiosity
 from ecology.agents.memory import Memory
 from ecology.agents.movements import ARRIVES, Movements, adaptive, single_ticks
 from ecology.agents.networks import Perceptrons
-from ecology.observers.base import Decision
+from ecology.decision import Decision
 
 DEPRIVED, SATED = -1.0, 0.4  # imagined deviations lie between these, times x*
 J_CENTRE, J_SPREAD, J_CEILING = 0.45, 0.55, 2.75  # of J's output, times the drive of total deprivation

@@ -2,7 +2,7 @@
 
 Every agent's weights lie in one row, and all that an update needs of them is done while the row is in
 the cache. An agent's numbers depend on no other's, so any split of the agents over threads gives
-the same result. Gradients are written out by hand; the tests hold them to automatic ones.
+the same result. Gradients are written out by hand; tests compare them with automatic ones.
 
 Shapes: n agents, b states, D components of zeta, M movements, I inputs, H hidden units, C place cells.
 """

@@ -1,37 +1,43 @@
 """A world of self-regulated agents: continuous homeostatic reinforcement learning for many."""
 
-from ecology.env import Ecology, Group, Tick, parallel_env
-from ecology.errors import EcologyError
-from ecology.meetings import Outcome, World
-from ecology.scenario import Scenario
-from ecology.single import GymEnv, gym_env
-from ecology.spec import (
-    Action,
-    Arena,
-    Birth,
-    Crowding,
-    Drift,
-    Empathy,
-    Growth,
-    Hazard,
-    Need,
-    Neighbours,
-    Oscillation,
-    Relocation,
-    Resource,
-    Season,
-    Species,
-    act,
-    bite,
-    consume,
-    give,
-    go_to,
-    move,
-    rest,
-    sleep,
-    turn,
-)
-from ecology.state import State
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ecology.env import Ecology, Group, Tick, parallel_env
+    from ecology.errors import EcologyError
+    from ecology.meetings import Outcome, World
+    from ecology.scenario import Scenario
+    from ecology.single import GymEnv, gym_env
+    from ecology.spec import (
+        Action,
+        Arena,
+        Birth,
+        Crowding,
+        Drift,
+        Empathy,
+        Growth,
+        Hazard,
+        Need,
+        Neighbours,
+        Oscillation,
+        Relocation,
+        Resource,
+        Season,
+        Species,
+        act,
+        bite,
+        consume,
+        give,
+        go_to,
+        move,
+        rest,
+        sleep,
+        turn,
+    )
+    from ecology.state import State
 
 __all__ = [
     "Action",
@@ -71,3 +77,33 @@ __all__ = [
     "turn",
 ]
 __version__ = "0.2.0.dev0"
+
+# name -> module, of all others ecology.spec; loaded at the first use, so that what needs no world starts at once
+_HOMES = {
+    "Ecology": "env",
+    "EcologyError": "errors",
+    "Group": "env",
+    "GymEnv": "single",
+    "Outcome": "meetings",
+    "Scenario": "scenario",
+    "State": "state",
+    "Tick": "env",
+    "World": "meetings",
+    "gym_env": "single",
+    "parallel_env": "env",
+}
+
+if not TYPE_CHECKING:  # type checkers find a misspelt name
+
+    def __getattr__(name: str) -> Any:
+        """Load a name of `__all__`."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(importlib.import_module(f"{__name__}.{_HOMES.get(name, 'spec')}"), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    """Return all names, loaded or not."""
+    return sorted({*globals(), *__all__})

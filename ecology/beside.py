@@ -20,7 +20,7 @@ def importable_beside(path: Path) -> Iterator[None]:
     others = tuple(f"{other}{os.sep}" for other in _folders if other != folder)
     here = _names_in(folder) if others else set()
     for name, module in list(sys.modules.items()):
-        if name.partition(".")[0] in here and str(getattr(module, "__file__", None)).startswith(others):
+        if name.partition(".")[0] in here - {"ecology"} and str(getattr(module, "__file__", None)).startswith(others):
             del sys.modules[name]
     if folder not in sys.path:
         sys.path.append(folder)

@@ -849,7 +849,7 @@ class Ecology(ParallelEnv):
         found = {}
         for group in self.groups.values():
             box = gymnasium.spaces.Box(
-                _float32_below(group.layout.low), -_float32_below(-group.layout.high), dtype=np.float32
+                float32_below(group.layout.low), -float32_below(-group.layout.high), dtype=np.float32
             )
             mask = gymnasium.spaces.Box(0, 1, (len(group.actions),), np.int8)
             found[group.name] = (
@@ -969,7 +969,7 @@ class Ecology(ParallelEnv):
         low = [np.tile([left, bottom], self.size), -np.pi * ones, np.minimum(body.low, 0.0)[own], 0 * ones]
         high = [np.tile([right, top], self.size), np.pi * ones, np.maximum(body.high, 0.0)[own], ones]
         return gymnasium.spaces.Box(
-            _float32_below(np.concatenate(low)), -_float32_below(-np.concatenate(high)), dtype=np.float32
+            float32_below(np.concatenate(low)), -float32_below(-np.concatenate(high)), dtype=np.float32
         )
 
     def render(self) -> np.ndarray | None:
@@ -995,7 +995,7 @@ def _next_seed(last: int | None) -> int:
     return int(source.generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
-def _float32_below(values: Floats) -> np.ndarray:
+def float32_below(values: Floats) -> np.ndarray:
     """Return float32 bounds that contain what float64 values round to."""
     rounded = values.astype(np.float32)
     return np.where(np.isfinite(rounded), np.nextafter(rounded, np.float32(-np.inf)), rounded).astype(np.float32)

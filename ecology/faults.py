@@ -15,6 +15,7 @@ from ecology.errors import EcologyError
 HOUSE = {str(Path(__file__).parent)}  # folders of the project; packages built on this one add theirs
 SHIPPED: set[str] = set()  # files within them that are reported like a user's own: scenarios and learners
 LIBRARIES = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
+MOVED = ("agents", "scenarios")  # packages of the project that were imported by these names
 FOREIGN = {"site-packages", "dist-packages"}  # folders of libraries, wherever they lie
 
 
@@ -26,7 +27,7 @@ class FaultError(EcologyError):
         self.frames = frames
 
 
-def of(error: BaseException) -> FaultError | None:
+def user_fault(error: BaseException) -> FaultError | None:
     """Return what `error` says and where in a user's own code it came from; None where it came from elsewhere."""
     if isinstance(error, FaultError):
         return error
@@ -39,19 +40,21 @@ def of(error: BaseException) -> FaultError | None:
     return FaultError(f"{place}: {_words(error)}", "".join(traceback.format_list(frames[own[0] :])))
 
 
-def named(what: str, error: BaseException, then: str = "") -> EcologyError:
+def wrap(what: str, error: BaseException, then: str = "") -> EcologyError:
     """Return the error that says that `what` failed by `error`, where, and what to do `then`."""
-    fault, message = of(error), f"{what}: {told(error)}. {then}".rstrip()
+    fault, message = user_fault(error), f"{what}: {describe(error)}. {then}".rstrip()
     return EcologyError(message) if fault is None else FaultError(message, fault.frames)
 
 
-def told(error: BaseException) -> str:
+def describe(error: BaseException) -> str:
     """Return what `error` says, and where it came from if that is a user's own code."""
-    return str(of(error) or _words(error))
+    return str(user_fault(error) or _words(error))
 
 
 def _words(error: BaseException) -> str:
     said = str(error).strip()
+    if isinstance(error, ModuleNotFoundError) and error.name in MOVED:
+        said += f". It is ecology.{error.name} now: write `from ecology import {error.name}`"
     return said if isinstance(error, EcologyError) else f"{type(error).__name__}: {said}".removesuffix(": ")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from ecology.env import Ecology, Group, Tick, _float32_below
+from ecology.env import Ecology, Group, Tick, float32_below
 from ecology.errors import EcologyError, nearest
 from ecology.spec import require
 from ecology.state import Floats, Ints
@@ -122,8 +122,8 @@ class FixedSlots(ParallelEnv):
         """Return the observation space of the slots of `group`; zero, what an empty slot observes, is in it."""
         shown = list(self.env.groups.values()) if self.pad else [group]
         d, a = self._width(group)
-        low = np.min([_padded(_float32_below(np.minimum(g.layout.low, 0.0))[None], d)[0] for g in shown], axis=0)
-        high = np.max([_padded(-_float32_below(-np.maximum(g.layout.high, 0.0))[None], d)[0] for g in shown], axis=0)
+        low = np.min([_padded(float32_below(np.minimum(g.layout.low, 0.0))[None], d)[0] for g in shown], axis=0)
+        high = np.max([_padded(-float32_below(-np.maximum(g.layout.high, 0.0))[None], d)[0] for g in shown], axis=0)
         if self.flatten:
             zeros, ones = np.zeros(a, np.float32), np.ones(a, np.float32)
             return spaces.Box(np.concatenate([low, zeros]), np.concatenate([high, ones]), dtype=np.float32)

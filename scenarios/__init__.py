@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
+import hashlib
 import importlib.util
 import inspect
 import os
 import sys
 from collections.abc import Callable, Mapping
+from importlib.abc import SourceLoader
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cloudpickle
 import gymnasium
 
-from ecology import EcologyError, GymEnv, Scenario, faults, gym_env
+from ecology import faults
 from ecology.beside import importable_beside
-from ecology.errors import describe_refusal, nearest
+from ecology.errors import EcologyError, describe_refusal, nearest
 from ecology.typed import plain
+
+if TYPE_CHECKING:
+    from ecology import GymEnv, Scenario
 
 HERE = Path(__file__).parent
 faults.HOUSE.add(str(HERE))
@@ -34,8 +38,26 @@ def names() -> list[str]:
 def module(name: str) -> ModuleType:
     """Return the module of the scenario `name`, or of the file at the path `name`.
 
-    Running a scenario file runs its code: load only files that you trust.
+    Loading a scenario file runs its code: load only files that you trust. A file is run once per process, and again
+    after it was changed.
     """
+    path = _path_of(name)
+    try:
+        is_shipped = path.resolve().parent == HERE.resolve() and path.stem in names()
+        loaded = importlib.import_module(f"{__name__}.{path.stem}") if is_shipped else _load_file(path)
+    except EcologyError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise faults.wrap(f"the scenario file {str(path)!r} does not run", error) from error
+    if not callable(getattr(loaded, "build", None)):
+        raise EcologyError(
+            f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
+        )
+    return loaded
+
+
+def _path_of(name: str) -> Path:
+    """Return the path of the file that holds the scenario `name`; EcologyError where there is none."""
     path = Path(name)
     if path.suffix == ".py":
         try:
@@ -46,31 +68,43 @@ def module(name: str) -> ModuleType:
             ) from error
         if not is_there:
             raise EcologyError(f"there is no scenario file {name!r}; give the path of a .py file.")
-    elif name in names():
-        path = HERE / f"{name}.py"
-    else:
-        beside = f"{name}.py"
-        meant = f"Did you mean the file {beside!r}?" if os.path.isfile(beside) else nearest(name, names())
-        raise EcologyError(
-            f"there is no scenario {name!r}. {meant} A file of your own is given by its path, ending in .py."
-        )
-    spec = importlib.util.spec_from_file_location(f"ecology.scenarios._loaded_{path.stem}", path)
-    if spec is None or spec.loader is None:
+        return path
+    if name in names():
+        return HERE / f"{name}.py"
+    beside = f"{name}.py"
+    meant = f"Did you mean the file {beside!r}?" if os.path.isfile(beside) else nearest(name, names())
+    raise EcologyError(
+        f"there is no scenario {name!r}. {meant} A file of your own is given by its path, ending in .py."
+    )
+
+
+_loaded: dict[str, tuple[str, ModuleType]] = {}  # whole path of a file -> digest of what it held, and its module
+
+
+def _load_file(path: Path) -> ModuleType:
+    """Return the module of a file that does not ship, run unless it has been; whatever its code raises."""
+    whole = os.path.abspath(path)
+    with importable_beside(path):
+        text = path.read_bytes()
+        digest = hashlib.sha256(text).hexdigest()
+        known, loaded = _loaded.get(whole, ("", None))
+        if loaded is None or known != digest:
+            loaded = _run_file(path, text)
+            _loaded[whole] = digest, loaded
+        else:
+            sys.modules[loaded.__name__] = loaded  # another file of this name may have been loaded since
+    _pickle_by_value(loaded, path.parent)
+    return loaded
+
+
+def _run_file(path: Path, text: bytes) -> ModuleType:
+    """Return a new module in which `text`, what the file at `path` holds, was run."""
+    spec = importlib.util.spec_from_file_location(f"{__name__}._loaded_{path.stem}", path)
+    if spec is None or not isinstance(spec.loader, SourceLoader):
         raise EcologyError(f"the scenario file {str(path)!r} cannot be loaded as Python.")
     loaded = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = loaded
-    try:
-        with contextlib.nullcontext() if path.parent == HERE else importable_beside(path):
-            spec.loader.exec_module(loaded)
-    except EcologyError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise faults.named(f"the scenario file {str(path)!r} does not run", error) from error
-    _pickle_by_value(loaded, path.parent)
-    if not callable(getattr(loaded, "build", None)):
-        raise EcologyError(
-            f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
-        )
+    sys.modules[spec.name] = loaded  # dataclasses look their module up
+    exec(spec.loader.source_to_code(text, str(path)), loaded.__dict__)
     return loaded
 
 
@@ -80,7 +114,7 @@ def _pickle_by_value(loaded: ModuleType, folder: Path) -> None:
     beside = [
         other
         for name, other in sys.modules.items()
-        if folder != HERE and "." not in name and name != "__main__" and _folder_of(other) == home
+        if "." not in name and name != "__main__" and _folder_of(other) == home
     ]
     for each in (loaded, *beside):
         cloudpickle.register_pickle_by_value(each)
@@ -99,6 +133,8 @@ def settings(name: str) -> dict[str, Any]:
 
 def load(name: str, /, **changes: Any) -> Scenario:
     """Return the scenario `name` (or the file at that path) with `changes` to its settings."""
+    from ecology.scenario import Scenario  # slow to load
+
     build = module(name).build
     defaults = _defaults(name, build)
     resolved = {**defaults, **_checked(name, defaults, changes)}
@@ -107,7 +143,7 @@ def load(name: str, /, **changes: Any) -> Scenario:
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:
-        raise faults.named(f"the scenario {name!r} cannot be built with {changes}", error) from error
+        raise faults.wrap(f"the scenario {name!r} cannot be built with {changes}", error) from error
     if not isinstance(scenario, Scenario):
         raise EcologyError(
             f"`build` of the scenario {name!r} must return an ecology.Scenario, got {type(scenario).__name__}."
@@ -151,6 +187,8 @@ def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any])
 
 def make_gym(name: str, *, horizon: int | None = None, render_mode: str | None = None, **changes: Any) -> GymEnv:
     """Return the scenario `name`, with `changes` to its settings, as a Gymnasium environment."""
+    from ecology.single import gym_env  # slow to load
+
     return gym_env(load(name, **changes), horizon=horizon, render_mode=render_mode)
 
 

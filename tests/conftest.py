@@ -13,6 +13,7 @@ import pytest
 
 from ecology import Arena, Ecology, Need, Resource, Scenario, Species, Tick, consume, contract, go_to, move, rest, turn
 
+PATIENCE = 300.0  # seconds that a test waits for another process; only a failing test waits that long
 LUCK = 1_000_003  # mixed in with the number that `--luck` gives, so that no seed becomes another one in use
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from ecology import agents
 from ecology.agents import loop
-from ecology.lab.bench import speed as _bench
+from ecology.lab.bench import speed
 from ecology.lab.cli import main
 
 SHORT = ["bench", "--rounds", "2", "--seconds", "0", "--quiet"]
@@ -34,7 +34,7 @@ def test_a_short_benchmark_leaves_a_table_and_a_figure(tmp_path):
     expected = [(name, n, turn) for turn in (0, 1) for name in ("arrays", "dicts", "algorithm1") for n in (1, 12)]
     assert [(row["name"], row["agents"], row["round"]) for row in rows] == expected
     for row in rows:
-        assert row["ticks"] >= (_bench.LEARNS if row["name"] == "algorithm1" else _bench.LEAST)
+        assert row["ticks"] >= (speed.LEARNS if row["name"] == "algorithm1" else speed.LEAST)
         assert row["agent_steps"] == row["ticks"] * row["agents"]
         assert row["agent_steps_per_second"] == pytest.approx(row["agent_steps"] / row["cpu_seconds"])
         assert row["calibration_seconds"] > 0
@@ -46,7 +46,7 @@ def test_a_short_benchmark_leaves_a_table_and_a_figure(tmp_path):
 def test_medians_and_quartiles_are_over_rounds():
     """Of 1 to 5 the median is 3 and the quartiles are 2 and 4."""
     rows = [{"name": "arrays", "agents": 7, "agent_steps_per_second": float(v)} for v in (5, 1, 4, 2, 3)]
-    assert _bench.speeds(rows) == [_bench.Speed(name="arrays", agents=7, median=3.0, low=2.0, high=4.0)]
+    assert speed.speeds(rows) == [speed.Speed(name="arrays", agents=7, median=3.0, low=2.0, high=4.0)]
 
 
 @pytest.mark.parametrize("what", ["arrays", "dicts", "algorithm1", "algorithm1-dicts"])
@@ -56,9 +56,9 @@ def test_a_point_steps_the_world_it_names(what, monkeypatch):
     Who learns has lived in it before.
     """
     worlds = []
-    monkeypatch.setattr(_bench, "LIVED", 7)
-    monkeypatch.setattr(_bench, "parallel_env", lambda scenario: worlds.append(_bench.Ecology(scenario)) or worlds[-1])
-    step = _bench.stepping(what, 5)
+    monkeypatch.setattr(speed, "LIVED", 7)
+    monkeypatch.setattr(speed, "parallel_env", lambda scenario: worlds.append(speed.Ecology(scenario)) or worlds[-1])
+    step = speed.stepping(what, 5)
     assert [step() for _ in range(3)] == [5, 5, 5]
     (env,) = worlds
     assert env.state_view.tick == (10 if what == "algorithm1" else 3)  # the dicts are those of a life begun anew
@@ -69,7 +69,7 @@ def test_a_point_steps_the_world_it_names(what, monkeypatch):
 
 def test_other_worlds_run_in_their_own_python():
     """Each other world is timed where it has room, by the Python that was given for it."""
-    found = _bench.points([1, 10, 5000], [], {"waterworld": "/elsewhere/python", "vmas": sys.executable})
+    found = speed.points([1, 10, 5000], [], {"waterworld": "/elsewhere/python", "vmas": sys.executable})
     others = [(p.name, p.agents, p.command[0]) for p in found if p.name not in ("arrays", "dicts")]
     assert others == [("waterworld", 10, "/elsewhere/python"), ("vmas", 10, sys.executable)]
 
@@ -116,12 +116,12 @@ def test_who_learns_through_dicts_learns_the_same():
     """Networks are the same bit for bit as those of a learner that is given arrays."""
     weights = []
     for through in (False, True):
-        env = _bench.world(5)
+        env = speed.world(5)
         (group,) = env.groups.values()
         learner = agents.make("algorithm1", group, np.random.SeedSequence(0), {})
         tick = env.reset_arrays(seed=0)
         if through:
-            step = _bench._through_dicts(env, learner)
+            step = speed._through_dicts(env, learner)
             assert [step() for _ in range(20)] == [5] * 20
         else:
             loop.run(env, {group.name: learner}, tick, 20)

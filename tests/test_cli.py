@@ -18,9 +18,10 @@ from typing import Any
 import pytest
 
 from ecology import EcologyError, __version__, agents, errors, scenarios
-from ecology.lab import cli
-from ecology.lab.cli import main
+from ecology.lab.cli import live, main
+from ecology.lab.cli.commands import evaluate, view
 from ecology.lab.values import read_value
+from ecology.observers.wishes import Wishes
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -73,12 +74,12 @@ def test_help_shows_defaults_that_depend_on_others(ecology: Command, monkeypatch
 
 def test_the_help_of_reproduce_names_every_result(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """What can be reproduced is read without starting it."""
-    from ecology.lab.certificate import case as _reproduce
+    from ecology.lab.certificate.cases import all_cases
 
     monkeypatch.setenv("COLUMNS", "160")
     code, out, _ = ecology("reproduce", "--help")
     assert code == 0
-    for case in _reproduce.cases().values():
+    for case in all_cases().values():
         assert f"{case.name}: {case.about}" in out
 
 
@@ -485,7 +486,7 @@ def test_worse_than_camping_is_said_plainly(capsys: pytest.CaptureFixture[str], 
         "closed_gap": gap,
         "deviation_maps": None,
     }
-    cli._say_findings({**report, "probe": {}, "deviation_check": None})
+    evaluate._say_findings({**report, "probe": {}, "deviation_check": None})
     out = capsys.readouterr().out
     assert words in out
     assert "-735" not in out
@@ -522,7 +523,7 @@ def test_serving_twice_takes_other_ports(monkeypatch: pytest.MonkeyPatch, tmp_pa
         port = taken.getsockname()[1]
         assert viewer.preferred_port(viewer.LOOPBACK, port) not in (0, port)
         monkeypatch.setattr(viewer, "WEB_PORT", port)
-        audience = cli.Audience("rerun+http://127.0.0.1:1/proxy", cli.Wishes(tmp_path), view=False, serve=True)
+        audience = live.Audience("rerun+http://127.0.0.1:1/proxy", Wishes(tmp_path), view=False, serve=True)
         assert audience.port not in (None, 0, port)
 
 
@@ -626,7 +627,7 @@ def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(page, "Page", Served)
     monkeypatch.setattr(viewer, "WEB_PORT", 0)
-    monkeypatch.setattr(cli, "_wait", look)
+    monkeypatch.setattr(view, "_wait", look)
     code, out, _ = ecology("view", "mine", "--serve")
     assert code == 0
     assert pages[0].url in out

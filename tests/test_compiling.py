@@ -10,8 +10,9 @@ import numba
 import pytest
 from numba.core import event
 
-from ecology.lab import cli
-from ecology.lab import compiling as _compiling
+from ecology.lab import compiling
+from ecology.lab.cli.options import announces_compiling
+from ecology.lab.cli.progress import Progress
 from ecology.lab.compiling import Compiling, Lines
 
 
@@ -32,7 +33,7 @@ def doubled() -> Any:
 
 def test_compiling_is_said_once_per_function(monkeypatch: pytest.MonkeyPatch, doubled: Any) -> None:
     """While functions are compiled that is said; a call of a compiled one says nothing."""
-    monkeypatch.setattr(_compiling, "PATIENCE", 0.0)
+    monkeypatch.setattr(compiling, "PATIENCE", 0.0)
     said: list[str] = []
     listener = Compiling(said.append)
     with event.install_listener("numba:compile", listener):
@@ -46,7 +47,7 @@ def test_compiling_is_said_once_per_function(monkeypatch: pytest.MonkeyPatch, do
 
 def test_what_is_compiled_at_once_is_not_said(monkeypatch: pytest.MonkeyPatch, doubled: Any) -> None:
     """Nothing is said of less than a second."""
-    monkeypatch.setattr(_compiling, "PATIENCE", 3600.0)
+    monkeypatch.setattr(compiling, "PATIENCE", 3600.0)
     said: list[str] = []
     with event.install_listener("numba:compile", Compiling(said.append)):
         doubled(2)
@@ -67,9 +68,8 @@ def test_a_command_says_it_unless_it_is_quiet(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], doubled: Any, quiet: bool
 ) -> None:
     """Whatever command compiles says so on stderr; with --quiet it does not."""
-    monkeypatch.setattr(_compiling, "PATIENCE", 0.0)
-    monkeypatch.setattr(cli, "app", lambda args: doubled(2))
-    cli.main(["list", *(["--quiet"] if quiet else [])])
+    monkeypatch.setattr(compiling, "PATIENCE", 0.0)
+    announces_compiling(lambda quiet: doubled(2))(quiet=quiet)
     assert ("compiling (once per machine)" in capsys.readouterr().err) is not quiet
 
 
@@ -78,10 +78,10 @@ def test_a_tick_that_compiled_is_no_measure_of_speed(
 ) -> None:
     """The first line of progress counts from the end of compiling: no run starts at 0 ticks per second."""
     tally = SimpleNamespace(tick=0, mean_drive=lambda start, own=False: None)
-    progress = cli.Progress(tally, 60_000)  # type: ignore[arg-type]
+    progress = Progress(tally, 60_000)  # type: ignore[arg-type]
     progress.begin(None, {})  # type: ignore[arg-type]
     progress._then -= 300.0  # the first tick took minutes
-    monkeypatch.setattr(_compiling.notice, "count", _compiling.notice.count + 30)
+    monkeypatch.setattr(compiling.notice, "count", compiling.notice.count + 30)
     tally.tick = 1
     progress.watch(None, None, {})  # type: ignore[arg-type]
     assert capsys.readouterr().err == ""

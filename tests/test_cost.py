@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ecology.lab.bench import cost as _cost
+from ecology.lab.bench import cost
 from ecology.lab.runs.sweep import write_table
 
 
@@ -32,14 +32,14 @@ def folders(tmp_path: Path) -> list[Path]:
 
 def test_a_choice_has_its_cost_and_its_drives(folders: list[Path]) -> None:
     """Costs are per agent and tick of a machine as quiet as it ever was; a name is learner and what it was told."""
-    found = {point.label: point for point in _cost.points(folders)}
+    found = {point.label: point for point in cost.points(folders)}
     assert list(found) == ["hjb, update_every 2", "lean, width 16", "hjb, update_every 8"]
     assert found["hjb, update_every 2"].drives == {0: 1.0, 1: 2.0}
     quiet = 1e3 * 2.0 / (1000 * 2)  # the world's part of the run in which that was least
     assert found["hjb, update_every 2"].learner == pytest.approx(quiet * 1.5)  # median of 4 / 4 and 16 / 8
     assert found["hjb, update_every 2"].tick == pytest.approx(quiet * 2.5)
     assert found["hjb, update_every 8"].learner == pytest.approx(quiet * 0.25)
-    table = _cost.table(list(found.values())).splitlines()
+    table = cost.table(list(found.values())).splitlines()
     assert table[2] == "| 1 | `hjb, update_every 2` | 1.500 | 2.500 | 1.00 | 2.00 | 2.00 |"
     assert table[3].endswith("| 2.50 | - | 2.50 |")
 
@@ -49,11 +49,11 @@ def test_the_figure_is_drawn(
 ) -> None:
     """The command prints the table and leaves a picture, camping in the world of the sweeps beside it."""
     lines: list[float] = []
-    draw = _cost.draw
-    monkeypatch.setattr(_cost, "draw", lambda path, found, line: (lines.append(line), draw(path, found, line)))
+    draw = cost.draw
+    monkeypatch.setattr(cost, "draw", lambda path, found, line: (lines.append(line), draw(path, found, line)))
     out = folders[0].parent / "cost.png"
     monkeypatch.setattr(sys, "argv", ["cost", *map(str, folders), "--out", str(out)])
-    _cost.main()
+    cost.main()
     assert out.read_bytes()[:4] == b"\x89PNG"
     assert lines == [pytest.approx(3.72, abs=0.01)]
     assert "`lean, width 16`" in capsys.readouterr().out

@@ -7,8 +7,9 @@ import pytest
 
 import ecology
 from ecology import EcologyError, scenarios
-from ecology.lab.certificate import case as _reproduce
-from ecology.lab.certificate import episodes as _episodes
+from ecology.lab.certificate import episodes
+from ecology.lab.certificate.cases.food_share import eats, helps
+from ecology.lab.certificate.cases.grid_rooms import ALONE, feeds_itself
 from ecology.scenarios import food_share, grid_rooms, trap
 
 NAMES = ("food_share", "grid_rooms", "trap")
@@ -56,7 +57,7 @@ def test_the_drives_are_those_of_the_original():
 
 def test_who_always_eats_lives_14_and_a_half_ticks():
     """Mean life (10 + 19) / 2: half of the partners start low, the others fall after 10 ticks on average."""
-    lives = np.concatenate(_episodes.scripted("food_share", {"condition": "none"}, _reproduce.eats, 30, 20, 2000)[0])
+    lives = np.concatenate(episodes.scripted("food_share", {"condition": "none"}, eats, 30, 20, 2000)[0])
     assert abs(lives.mean() - 14.5) < Z * lives.std() / math.sqrt(len(lives))
     assert lives.std() < 10
     assert (lives >= 10).all()
@@ -66,7 +67,7 @@ def test_who_always_eats_lives_14_and_a_half_ticks():
 
 def test_who_passes_when_the_partner_is_low_lives_to_the_cap():
     """Passing exactly when high and the partner low: a pass in 1 of 11 ticks, and nobody ever dies."""
-    lives, taken = _episodes.scripted("food_share", {"condition": "none"}, _reproduce.helps, 40, 1, 2000)
+    lives, taken = episodes.scripted("food_share", {"condition": "none"}, helps, 40, 1, 2000)
     assert all(found == [2000] for found in lives)
     rates = taken[:, 1] / taken.sum(axis=1)
     assert abs(rates.mean() - 1 / 11) < Z * rates.std(ddof=1) / math.sqrt(len(rates))
@@ -133,10 +134,8 @@ def test_an_unknown_condition_is_refused():
 
 def test_a_partner_that_is_not_fed_dies_of_hunger_on_time():
     """It lives floor((1 + e) / 0.003) + 1 ticks with e uniform in +-0.3: 333.8 on average, 234 to 434."""
-    lives = np.concatenate(
-        _episodes.scripted("grid_rooms", {"condition": "none"}, _reproduce.feeds_itself, 60, 1, 3000)[0]
-    )
-    assert abs(lives.mean() - _reproduce.ALONE) < Z * lives.std() / math.sqrt(len(lives))
+    lives = np.concatenate(episodes.scripted("grid_rooms", {"condition": "none"}, feeds_itself, 60, 1, 3000)[0])
+    assert abs(lives.mean() - ALONE) < Z * lives.std() / math.sqrt(len(lives))
     assert lives.min() >= 234
     assert lives.max() <= 434
 
@@ -236,7 +235,7 @@ def test_accidents_come_once_in_two_thousand_ticks():
 
 def test_lives_begin_anew_one_by_one():
     """When a pair dies its next life starts from a fresh draw, the other pairs live on."""
-    worlds = _episodes.Worlds("grid_rooms", {"condition": "none"}, 3, 0, 3000)
+    worlds = episodes.Worlds("grid_rooms", {"condition": "none"}, 3, 0, 3000)
     env = worlds.envs[0]
     with_state(env, internal={(4, 0): 0.001})
     _, dead, _, _ = worlds.step(np.zeros(3, np.int64))

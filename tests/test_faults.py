@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from ecology import agents, kernels
-from ecology import faults as _faults
+from ecology import agents, faults, kernels
 from ecology.agents import checkpoint
 from ecology.agents.base import Learner
 from ecology.lab.cli import main
@@ -297,9 +296,9 @@ def test_what_the_project_or_a_library_raises_is_no_users_fault(
     with pytest.raises(ValueError) as caught:
         json.loads("{")
     error = caught.value
-    assert f"{__file__}, line " in str(_faults.of(error))
+    assert f"{__file__}, line " in str(faults.user_fault(error))
     assert error.__traceback__ is not None
-    assert _faults.of(error.with_traceback(error.__traceback__.tb_next)) is None
+    assert faults.user_fault(error.with_traceback(error.__traceback__.tb_next)) is None
     monkeypatch.setattr(kernels, "live", None)
     with pytest.raises(TypeError):
         main(["run", "world.py", "--no-record", "--quiet"])

@@ -9,8 +9,8 @@ import pytest
 
 from ecology import Ecology, scenarios
 from ecology.agents.base import Learner
-from ecology.lab.certificate import case as _reproduce
-from ecology.lab.certificate import predation as _fear
+from ecology.lab.certificate import predation
+from ecology.lab.certificate.cases import all_cases
 
 SEED = np.random.SeedSequence(0)
 
@@ -42,7 +42,7 @@ def test_scripted_prey_turn_away_and_walk(distance, heading, did):
     group = env.groups["prey"]
     acts = {}
     for flees in (True, False):
-        prey = _fear.Prey(group, SEED, np.full(group.size, flees))
+        prey = predation.Prey(group, SEED, np.full(group.size, flees))
         acts[flees] = group.actions[prey.act(tick.observations["prey"], tick.masks["prey"])[0]]
     assert acts == {True: did, False: "consume_grass"}
 
@@ -51,7 +51,7 @@ def test_scripted_predators_turn_to_prey_walk_and_bite():
     """A predator turns until it faces its prey, walks to it, bites in reach, and rests when it is sated."""
     env, tick = pair(1.5)
     group = env.groups["predator"]
-    hunter = _fear.Predators(group, SEED)
+    hunter = predation.Predators(group, SEED)
     rest = np.full(env.size, env.groups["prey"].actions.index("rest"))
     acts = []
     for _ in range(12):
@@ -68,7 +68,7 @@ def test_scripted_predators_turn_to_prey_walk_and_bite():
 def test_a_sighting_is_followed_for_some_ticks():
     """A predator comes in sight at 3.0: five ticks later it is where it is; one that killed its prey counts as 0."""
     env, tick = pair(3.05)
-    seen = _fear.Sightings(env, later=5, near=3.0)
+    seen = predation.Sightings(env, later=5, near=3.0)
     rest = np.concatenate([np.full(g.size, g.actions.index("rest")) for g in env.groups.values()])
     where = env.state_view.position.copy()
     for distance in (3.05, 2.9, 2.8, 2.7, 2.6, 2.5, 2.4, 2.3):
@@ -79,7 +79,7 @@ def test_a_sighting_is_followed_for_some_ticks():
     assert seen.distance == pytest.approx([2.4])  # sighted at 2.9, five ticks before
     # the same, and the prey is gone at the end
     env, tick = pair(3.05)
-    seen = _fear.Sightings(env, later=2, near=3.0)
+    seen = predation.Sightings(env, later=2, near=3.0)
     for distance, lives in ((3.05, True), (2.9, True), (2.8, True), (2.7, False)):
         where[env.groups["predator"].slots, 0] = 6.5 + distance
         alive = env.state_view.alive.copy()
@@ -94,7 +94,7 @@ def test_fates_count_lives_and_wounds_by_class():
     env = Ecology(scenarios.load("predator_prey", prey=4, predators=1, chance=0.0, prey_mortality=0.0, patches=1))
     env.reset_arrays(0)
     classes = np.arange(env.groups["prey"].size) % 2
-    fates = _fear.Fates(env, "prey", classes)
+    fates = predation.Fates(env, "prey", classes)
     internal = env.state_view.internal.copy()
     internal[0] = [0.5, -1.0]  # bleeds
     internal[1] = [0.001, 1.0]  # starves
@@ -109,7 +109,7 @@ def test_fates_count_lives_and_wounds_by_class():
 
 def test_fleeing_pays():
     """Scripted prey that flee die of wounds less than 0.8 times as often as the others beside them (measured: 0.4)."""
-    found = _fear.pays(0, 1_000)
+    found = predation.pays(0, 1_000)
     assert found["wounds"] > 0.2
     assert found["wounds fleeing"] < 0.8 * found["wounds"]
 
@@ -120,7 +120,7 @@ def test_flight_is_found_where_it_is():
     tick, group = env.reset_arrays(0), env.groups["prey"]
     before = env.state_view.copy()
     fled, stayed = (
-        _fear.flight(env, _fear.Prey(group, SEED, np.full(group.size, flees), wary=2.0), tick, 250)
+        predation.flight(env, predation.Prey(group, SEED, np.full(group.size, flees), wary=2.0), tick, 250)
         for flees in (True, False)
     )
     assert fled is not None
@@ -132,10 +132,12 @@ def test_flight_is_found_where_it_is():
         assert np.array_equal(array, getattr(env.state_view, name)), name
     alive = env.state_view.alive.copy()
     alive[env.groups["predator"].slots] = False
-    assert _fear.flight(env, _fear.Prey(group, SEED, np.ones(group.size, bool)), env.put(alive=alive), 50) is None
+    assert (
+        predation.flight(env, predation.Prey(group, SEED, np.ones(group.size, bool)), env.put(alive=alive), 50) is None
+    )
 
 
-class Afraid(_fear.Prey):
+class Afraid(predation.Prey):
     """Prey with a J that rises by 0.7 per unit of length toward a predator."""
 
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray:
@@ -145,30 +147,29 @@ class Afraid(_fear.Prey):
 
 def test_the_slope_of_j_toward_a_predator():
     """It is what J says it is, and None for agents that have no J."""
-    for kind, slope in ((Afraid, 0.7), (_fear.Prey, None)):
+    for kind, slope in ((Afraid, 0.7), (predation.Prey, None)):
         env = Ecology(scenarios.load("predator_prey"))
         tick, group = env.reset_arrays(0), env.groups["prey"]
         learner: Learner = kind(group, SEED, np.ones(group.size, bool))
-        found = _fear.fear(env, learner, tick, 50)
+        found = predation.fear(env, learner, tick, 50)
         assert found == (None if slope is None else pytest.approx(slope, abs=1e-5))
 
 
 def test_learned_worlds_are_measured_from_end_to_end():
     """A short life of learners gives flight and fear that are numbers; newborn predators have a life span."""
-    env, minds, tick = _fear.learned(0, 120)
-    before, flight = env.snapshot(), _fear.flight(env, minds["prey"], tick, 150)
+    env, minds, tick = predation.learned(0, 120)
+    before, flight = env.snapshot(), predation.flight(env, minds["prey"], tick, 150)
     assert flight is not None
     assert np.isfinite(list(flight.values())).all()
-    slope = _fear.fear(env, minds["prey"], env.restore(*before), 20)
+    slope = predation.fear(env, minds["prey"], env.restore(*before), 20)
     assert slope is not None
     assert np.isfinite(slope)
-    assert 0 < _fear.newborns(0, "random", 200, prey="random") <= 200 * env.groups["predator"].size
+    assert 0 < predation.newborns(0, "random", 200, prey="random") <= 200 * env.groups["predator"].size
 
 
 def test_verdicts_follow_the_interval():
     """Rows say whether wounds are halved, lives doubled and slopes told from 0."""
-    cases = {case.name: case for case in _fear.cases()}
-    assert cases.keys() <= _reproduce.cases().keys()
+    cases = all_cases()
 
     def says(name, done):
         return {row.what: row.says() for row in cases[name].rows(done)}

@@ -12,6 +12,7 @@ import warnings
 
 import numpy as np
 import pytest
+from conftest import PATIENCE
 from test_observers import TICKS, Wanderer, Witness, choice, column, live, many, one, rerun_observer, told, village
 
 from ecology import Ecology, EcologyError
@@ -243,10 +244,10 @@ def test_who_looks_on_is_shown_another_life_first(tmp_path):
     path, kept, shown, words = tmp_path / "recording.rrd", Wishes(), [], {"every": 4, "serve": ("127.0.0.1", 0)}
 
     def look():
-        """Count the layouts that a viewer is sent, 60 seconds at most."""
+        """Count the layouts that a viewer is sent, PATIENCE seconds at most."""
         target = tmp_path / f"{len(shown)}.rrd"
         with viewer.viewer_process(observer.url, "--save", str(target), "--port", "auto"):
-            until = time.monotonic() + 60
+            until = time.monotonic() + PATIENCE
             found = []
             while len(found) < 2 - len(shown) and time.monotonic() < until:
                 time.sleep(0.2)
@@ -273,7 +274,7 @@ def test_a_viewer_elsewhere_is_drawn_the_same(tmp_path):
     path, elsewhere, kept = tmp_path / "recording.rrd", tmp_path / "elsewhere.rrd", Wishes()
     port = viewer.free_port(viewer.LOOPBACK, 0)
     with viewer.viewer_process("--save", str(elsewhere), "--port", str(port)):
-        until = time.monotonic() + 60
+        until = time.monotonic() + PATIENCE
         while time.monotonic() < until and not elsewhere.exists():
             time.sleep(0.1)
         observer = rerun_observer(path, every=4, wishes=kept, connect=f"rerun+http://{viewer.LOOPBACK}:{port}/proxy")

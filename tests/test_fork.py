@@ -13,7 +13,7 @@ import pytest
 
 from ecology.agents import checkpoint
 from ecology.lab.cli import main
-from ecology.lab.runs.run import opened
+from ecology.lab.runs.run import open_run
 from ecology.state import CAUSES
 
 CROWD = """
@@ -187,8 +187,8 @@ def test_births_are_counted_on_in_forks_of_forks(ecology: Command) -> None:
         out = {"run": "first", "first": "second", "second": "third"}[before]
         change = ("--remove", gone, "--ticks", str(int(at) + 5), "--out", out, "--quiet")
         assert ecology("fork", before, "--at", at, *change)[0] == 0
-    assert opened(Path("third"), 25).born_and_died() == ([0], [0])  # before it is restored: nothing has happened
-    it = opened(Path("third"), 26)
+    assert open_run(Path("third"), 25).born_and_died() == ([0], [0])  # before it is restored: nothing has happened
+    it = open_run(Path("third"), 26)
     it.resume()
     assert it.born_and_died() == ([3], [0])
     assert json.loads(Path("third/summary.json").read_text())["births"] == 3

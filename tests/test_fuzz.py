@@ -23,8 +23,7 @@ import ecology
 from ecology import Arena, EcologyError, Need, Resource, Scenario, Species, move, rest, scenarios
 from ecology.agents import checkpoint
 from ecology.lab.cli import main
-from ecology.lab.runs import run as _run
-from ecology.lab.runs.run import Run
+from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import PLAIN as PLAIN_KEYS
 from ecology.lab.runs.run_config import TABLES, resolve
 
@@ -407,12 +406,12 @@ def test_a_damaged_checkpoint_is_refused_and_the_previous_opens(whole: Path, dat
     with in_time():
         said = ""
         try:
-            _run.opened(mine, 30).resume()
+            open_run(mine, 30).resume()
         except EcologyError as error:
             one_clear_error(error)
             said = str(error)
         assert str(mine) in said or (kind != "remove" and not said)
         assert {path: path.read_bytes() for path in mine.rglob("*") if path.is_file()} == left
-        again = _run.opened(mine, 21)
+        again = open_run(mine, 21)
         again.resume(previous=True)
         assert again.now == 10

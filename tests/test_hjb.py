@@ -101,10 +101,13 @@ def test_learned_deviation_function_converges_to_the_best_one(explores: bool) ->
     assert error.mean() < 0.05 * best[lived].mean()
 
 
-def test_it_walks_to_the_food_from_either_side() -> None:
-    """In a corridor with food in the middle, a hungry agent's best movement leads to it from both ends."""
+def test_walkers_go_to_the_food_from_either_side() -> None:
+    """In a corridor with food in the middle, hungry agents walk towards it from both ends: nine choices in ten."""
+    n = 6
     species = Species(
         name="walker",
+        count=n,
+        solid=False,
         needs=(Need(name="energy", set_point=2.0, decay=0.01, bounds=(0.0, 4.0)),),
         actions=(
             rest(),
@@ -125,14 +128,13 @@ def test_it_walks_to_the_food_from_either_side() -> None:
     learner = agents.make("hjb", env.groups["walker"], SEED, {"gamma": 0.98})
     loop.run(env, {"walker": learner}, env.reset_arrays(1), 4000)
     learner.evaluating(0.0)
-    chosen = {}
-    for x in (0.6, 1.6, 4.4, 5.4):
-        internal = np.array([[0.2]])
-        tick = env.put(position=np.array([[x, 0.5]]), internal=internal)
+    right = 0
+    for x, way in ((0.6, "east"), (1.6, "east"), (4.4, "west"), (5.4, "west")):
+        tick = env.put(position=np.tile([x, 0.5], (n, 1)), internal=np.full((n, 1), 0.2))
         learner.begin()
-        action = learner.act(tick.observations["walker"], tick.masks["walker"])[0]
-        chosen[x] = env.groups["walker"].actions[action]
-    assert chosen == {0.6: "east", 1.6: "east", 4.4: "west", 5.4: "west"}
+        chosen = learner.act(tick.observations["walker"], tick.masks["walker"])
+        right += int((chosen == env.groups["walker"].actions.index(way)).sum())
+    assert right >= 0.9 * 4 * n
 
 
 # ---- parts against plain versions ----------------------------------------------------------

@@ -19,7 +19,8 @@ from ecology.agents.hjb import ALGORITHM1, HJB
 from ecology.agents.kernels import Senses
 from ecology.agents.torch_device import Torch
 from ecology.lab.cli import main
-from ecology.lab.runs import run as _run
+from ecology.lab.runs.folder import CONFIG
+from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import resolve
 
 SMALL = {
@@ -303,14 +304,14 @@ def test_a_run_of_a_device_that_is_not_here_goes_on_elsewhere(tmp_path: Path) ->
     """A run whose device is missing is refused with what is there; told another device, it is restored and goes on."""
     out = tmp_path / "run"
     choice = {"learners": ["hjb"], "changes": {"learner.width": 4, "learner.memory": 50}}
-    it = _run.Run(resolve("paper", ticks=20, record=False, **choice), out)
+    it = Run(resolve("paper", ticks=20, record=False, **choice), out)
     it.start()
     it.live()
-    config = out / _run.CONFIG
+    config = out / CONFIG
     config.write_text(config.read_text().replace('device = "cpu"', 'device = "cuda:99"'))
     with pytest.raises(EcologyError, match="no device 'cuda:99' here; there is cpu"):
-        _run.opened(out, 30)
-    again = _run.opened(out, 30, "cpu")
+        open_run(out, 30)
+    again = open_run(out, 30, "cpu")
     again.resume()
     assert again.live()["ticks"] == 30
     assert 'device = "cpu"' in config.read_text()

@@ -17,7 +17,7 @@ import pytest
 
 from ecology import contract
 from ecology.lab.cli import main
-from ecology.lab.runs import run as _run
+from ecology.lab.runs.run import Run
 from ecology.observers import viewer
 
 LONG = int(os.environ.get("ECOLOGY_LONG", "0"))  # ticks of the life in the long setting
@@ -65,8 +65,8 @@ def test_a_long_life_takes_no_more_memory(tmp_path, monkeypatch):
     """A recorded run is flat in memory after its first fifth; its files are in proportion to its samples."""
     from ecology.observers import rerun
 
-    witness, live = Witness(), _run.Run.live
-    monkeypatch.setattr(_run.Run, "live", lambda self, observers: live(self, [*observers, witness]))
+    witness, live = Witness(), Run.live
+    monkeypatch.setattr(Run, "live", lambda self, observers: live(self, [*observers, witness]))
     if not LONG:  # every sample is sent alone, as many chunks as in minutes, and waited for: a queue takes memory too
         send = rerun.RerunObserver._send
         monkeypatch.setattr(rerun, "SECONDS_FILE", 0.0)

@@ -10,8 +10,8 @@ import pytest
 from ecology import EcologyError
 from ecology.agents import evaluation
 from ecology.lab import cli
-from ecology.lab.certificate import minds as _minds
-from ecology.lab.runs import run as _run
+from ecology.lab.certificate import minds
+from ecology.lab.runs.folder import write_json
 
 SMALL = {f"learner.{key}": value for key, value in {"width": 8, "batch": 8, "batch_f": 8, "memory": 200}.items()}
 
@@ -21,8 +21,8 @@ def short(monkeypatch):
     """Make every measure short."""
     for name, value in {"PROBES": 1, "PROBE_TICKS": 40, "STARTS": 1, "PER_MOVEMENT": 1, "WINDOW": 200}.items():
         monkeypatch.setattr(evaluation, name, value)
-    monkeypatch.setattr(_minds, "ADAPTS", 300)
-    monkeypatch.setattr(_minds, "PROBES", 1)
+    monkeypatch.setattr(minds, "ADAPTS", 300)
+    monkeypatch.setattr(minds, "PROBES", 1)
 
 
 def seed(number=0, **changes):
@@ -41,30 +41,30 @@ def seed(number=0, **changes):
 
 def table(*seeds):
     """Return the rows of a table by what they measure."""
-    return {row[0]: dict(zip(_minds.HEAD, row, strict=True)) for row in _minds.rows(seeds)}
+    return {row[0]: dict(zip(minds.HEAD, row, strict=True)) for row in minds.rows(seeds)}
 
 
 def test_a_seed_is_measured_whole_and_only_once(short, tmp_path, monkeypatch):
     """Every target finds its measure; a second call does nothing again, and one that was stopped takes what is left."""
     heard = []
-    told = _minds.measure_seed(3, 400, SMALL, life=400, folder=tmp_path / "run", tell=heard.append)
-    assert heard == ["training", *_minds.MEASURES]
+    told = minds.measure_seed(3, 400, SMALL, life=400, folder=tmp_path / "run", tell=heard.append)
+    assert heard == ["training", *minds.MEASURES]
     assert json.loads(json.dumps(told, allow_nan=False)) == told
     assert (told["seed"], told["ticks"], told["life"]) == (3, 400, 400)
-    for target in _minds.TARGETS:
+    for target in minds.TARGETS:
         assert target.key in told[target.part], target.what
-    assert _minds.is_done(tmp_path / "run", 400)
-    assert not _minds.is_done(tmp_path / "run", 500)
+    assert minds.is_done(tmp_path / "run", 400)
+    assert not minds.is_done(tmp_path / "run", 500)
 
-    path = tmp_path / "run" / _minds.DONE
+    path = tmp_path / "run" / minds.DONE
     part = {key: value for key, value in told.items() if key != "greedy"}
-    _run.write_json(path, part)
+    write_json(path, part)
     heard.clear()
-    again = _minds.measure_seed(3, 400, SMALL, life=400, folder=tmp_path / "run", tell=heard.append)
+    again = minds.measure_seed(3, 400, SMALL, life=400, folder=tmp_path / "run", tell=heard.append)
     assert heard == ["greedy"]
     assert {**again, "seconds": 0} == {**told, "seconds": 0}
     with pytest.raises(EcologyError, match="differs in seed"):
-        _minds.measure_seed(4, 400, SMALL, life=400, folder=tmp_path / "run")
+        minds.measure_seed(4, 400, SMALL, life=400, folder=tmp_path / "run")
 
 
 def test_a_moved_food_lies_at_the_other_end():
@@ -73,12 +73,12 @@ def test_a_moved_food_lies_at_the_other_end():
     from ecology.scenarios import load
 
     world = load("paper")
-    food = next(each for each in world.resources if each.name == _minds.MOVED)
+    food = next(each for each in world.resources if each.name == minds.MOVED)
     paths = Paths(world.arena, world.species[0].radius)
-    others = [each for each in world.resources if each.name != _minds.MOVED]
-    far = float(paths.distance(np.array([food.position]), _minds.PLACE)[0])
+    others = [each for each in world.resources if each.name != minds.MOVED]
+    far = float(paths.distance(np.array([food.position]), minds.PLACE)[0])
     assert 7.5 < far < 9.0
-    assert all(np.hypot(*np.subtract(_minds.PLACE, each.position)) > 2.0 for each in others)
+    assert all(np.hypot(*np.subtract(minds.PLACE, each.position)) > 2.0 for each in others)
 
 
 def test_median_and_worst_are_held_to_what_must_be():
@@ -109,7 +109,7 @@ def test_what_is_measured_otherwise_lies_elsewhere(tmp_path, monkeypatch):
     """Another arithmetic, length or setting is another folder; comments in the code are not."""
 
     def folder(ticks=5000, life=4000, settings=None):
-        return _minds.jobs(tmp_path, [7], ticks, life, settings or {})[0].folder
+        return minds.jobs(tmp_path, [7], ticks, life, settings or {})[0].folder
 
     there = folder()
     assert there == folder()
@@ -125,8 +125,8 @@ def test_what_is_measured_otherwise_lies_elsewhere(tmp_path, monkeypatch):
 
 def test_a_seed_that_fails_is_told(tmp_path):
     """A process that cannot measure its seed ends with the reason."""
-    job = _minds.Job(seed=0, ticks=3000, life=2000, settings={"learner.widht": 1}, folder=tmp_path / "seed-0")
-    assert "has no setting 'widht'" in _minds.work(job, threading.Event())[1]
+    job = minds.Job(seed=0, ticks=3000, life=2000, settings={"learner.widht": 1}, folder=tmp_path / "seed-0")
+    assert "has no setting 'widht'" in minds.work(job, threading.Event())[1]
 
 
 @pytest.fixture
@@ -139,10 +139,10 @@ def at_once(monkeypatch):
         if job.seed == 5:
             return job, "it broke"
         job.folder.mkdir(parents=True)
-        _run.write_json(job.folder / _minds.DONE, seed(job.seed) | {"life": job.life, "ticks": job.ticks})
+        write_json(job.folder / minds.DONE, seed(job.seed) | {"life": job.life, "ticks": job.ticks})
         return job, ""
 
-    monkeypatch.setattr(_minds, "work", work)
+    monkeypatch.setattr(minds, "work", work)
     return done
 
 
@@ -163,7 +163,7 @@ def test_minds_prints_what_must_hold_beside_what_was_found(at_once, tmp_path, ca
     assert "1 of 2  seed 0: mean drive 0.60, worst block 1.50, with epsilon 0 0.45; about" in out.err
     text = (tmp_path / "minds-generic.md").read_text()
     assert text in out.out
-    assert f"{_minds.processor()['processor']}, compiled for generic" in text
+    assert f"{minds.processor()['processor']}, compiled for generic" in text
     assert "| mean drive, epsilon 0.05 | 0.98 / 2.65 | 0.70 / 0.95 | 0.60 / 0.60 | 0 | yes |" in text
     assert ends(*words, "--seeds", "0:4") == 0
     assert at_once == [0, 1, 2, 3]

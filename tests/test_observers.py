@@ -19,9 +19,9 @@ import ecology
 from ecology import Ecology, EcologyError, agents, scenarios
 from ecology.agents.base import Learner
 from ecology.agents.loop import advance
+from ecology.decision import Decision
 from ecology.life import scatter
 from ecology.observers import census, maps, picture, viewer
-from ecology.observers.base import Decision
 from ecology.observers.recorder import Recorder, parts_of, read
 
 TICKS = 60

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from conftest import PATIENCE
+
 DRAWN = """
 import numpy as np
 
@@ -29,7 +31,7 @@ def test_luck_reaches_every_seed_and_the_order_is_told(tmp_path: Path) -> None:
         words = [sys.executable, "-m", "pytest", "-q", "-s", f"--luck={luck}", "-p", "no:cacheprovider", str(tmp_path)]
         words += ["-p", "no:hypothesispytest"]
         done = subprocess.run(
-            [*words, "--randomly-seed=5"], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300
+            [*words, "--randomly-seed=5"], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=PATIENCE
         )
         assert done.returncode == 0, done.stdout + done.stderr
         assert "to repeat it: pytest --randomly-seed=5" in done.stdout

@@ -13,10 +13,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from conftest import PATIENCE
 
 from ecology import EcologyError
 from ecology.lab.cli import main
-from ecology.lab.runs import sweep as _sweep
+from ecology.lab.runs import cluster, sweep
 
 REFUSED = (
     "gcs_client.cc:210: Unauthenticated: RPC error: InvalidAuthToken: Authentication token is missing or incorrect"
@@ -80,19 +81,19 @@ def test_an_address_of_another_form_is_refused(ray: SimpleNamespace, address: st
     """What is none of local, auto, HOST:PORT and ray://HOST:PORT is said to be none."""
     ray.joined = fail(AssertionError("nobody may join"))
     with pytest.raises(EcologyError, match=r"takes local, auto, HOST:PORT or ray://HOST:PORT") as told:
-        _sweep.by_ray(address)
+        cluster.by_ray(address)
     assert repr(address) in str(told.value)
 
 
 @pytest.mark.parametrize("scheme", ["", "ray://"])
 def test_an_address_at_which_nothing_answers_is_told(ray: SimpleNamespace, listening: str, scheme: str) -> None:
     """The port is tried before Ray is, which would wait for many minutes; one that answers is passed on."""
-    _sweep.by_ray(scheme + listening)
+    cluster.by_ray(scheme + listening)
     with socket.create_server(("127.0.0.1", 0)) as server:
         free = f"{scheme}127.0.0.1:{server.getsockname()[1]}"
     ray.joined = fail(AssertionError("nobody may join"))
     with pytest.raises(EcologyError, match="nothing answers there"):
-        _sweep.by_ray(free)
+        cluster.by_ray(free)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +122,7 @@ def test_a_cluster_that_wants_a_token_says_so(
         monkeypatch.setenv(name, value)
     ray.joined = fail(AuthenticationError("no token")) if how == "exception" else fail(ConnectionError("no"), REFUSED)
     with pytest.raises(EcologyError, match="wants a token") as told:
-        _sweep.by_ray(listening)
+        cluster.by_ray(listening)
     assert missing in str(told.value)
     assert "RAY_AUTH_MODE=token and RAY_AUTH_TOKEN=" in str(told.value)
     assert "InvalidAuthToken" not in capfd.readouterr().err
@@ -138,28 +139,28 @@ def test_something_else_that_answers_is_told_apart(
     """Where there is an answer, but no cluster that Ray can join, the message has Ray's own words."""
     ray.joined = fail(ConnectionError("Failed to connect\nand more"))
     with pytest.raises(EcologyError, match=r"Ray cannot join a cluster \(Failed to connect\)") as told:
-        _sweep.by_ray(listening if address == "HOST:PORT" else address)
+        cluster.by_ray(listening if address == "HOST:PORT" else address)
     assert advice in str(told.value)
 
 
 def test_runs_take_what_the_cluster_has(ray: SimpleNamespace, listening: str) -> None:
     """As many runs are under way as fit on the present nodes, each by its scarcest resource, and some wait."""
     ray.alive = [{"CPU": 9.0, "GPU": 1.0, "memory": 8 * GIB}, {"CPU": 9.0, "memory": 99 * GIB}]
-    _, count = _sweep.by_ray(listening, gpus=0.25, memory=3.0)
+    _, count = cluster.by_ray(listening, gpus=0.25, memory=3.0)
     assert ray.asked == [{"num_cpus": 1, "num_gpus": 0.25, "memory": 3 * 2**30, "max_retries": 0}]
-    assert count() == 2 + _sweep.AHEAD  # by memory; the second node has no GPU
+    assert count() == 2 + cluster.AHEAD  # by memory; the second node has no GPU
     ray.alive.append({"CPU": 2.0, "GPU": 8.0, "memory": 99 * GIB})
-    assert count() == 4 + _sweep.AHEAD
+    assert count() == 4 + cluster.AHEAD
 
 
 def test_what_no_node_has_is_waited_for_or_refused(
     ray: SimpleNamespace, listening: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A cluster may get what a run needs, which is said; this machine alone never will."""
-    _sweep.by_ray(listening, gpus=1.0)
+    cluster.by_ray(listening, gpus=1.0)
     assert "no node of the cluster has 1 CPU, 1 GPUs" in caplog.text
     with pytest.raises(EcologyError, match="this machine does not have 1 CPU, 1 GPUs"):
-        _sweep.by_ray("local", gpus=1.0)
+        cluster.by_ray("local", gpus=1.0)
 
 
 def test_more_runs_start_when_there_is_room_for_more(tmp_path: Path) -> None:
@@ -168,12 +169,12 @@ def test_more_runs_start_when_there_is_room_for_more(tmp_path: Path) -> None:
 
     def attempt(cell: Any, stop: threading.Event) -> tuple[int, str]:
         threading.Timer(0.2, lambda: room.__setitem__(0, 2)).start()
-        together.wait(timeout=20)
+        together.wait(timeout=PATIENCE)
         return 2, "met"
 
-    cells = _sweep.cells_of("commons", tmp_path, seeds=[0, 1], settings={})
+    cells = sweep.cells_of("commons", tmp_path, seeds=[0, 1], settings={})
     ended: list[str] = []
-    _sweep.live(cells, attempt, lambda: room[0], lambda outcome, _: ended.append(outcome.failed))
+    sweep.live(cells, attempt, lambda: room[0], lambda outcome, _: ended.append(outcome.failed))
     assert ended == ["met", "met"]
 
 

@@ -8,9 +8,10 @@ import pytest
 from ecology import Ecology, EcologyError, scenarios
 from ecology.agents.base import Learner
 from ecology.lab import cli
-from ecology.lab.certificate import case as _reproduce
-from ecology.lab.certificate import episodes as _episodes
-from ecology.lab.certificate.case import Case, Ledger, Part, Row
+from ecology.lab.certificate import authors, cases, empathic, episodes, ledger, report
+from ecology.lab.certificate.case import Case, Part, Row
+from ecology.lab.certificate.cases.trap import forages, rescues, rests
+from ecology.lab.certificate.ledger import Ledger
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def tiny(monkeypatch):
 
     parts = [part("one", 1.0), part("two", 2.0)]
     case = Case("tiny", "a small case", lambda: parts, lambda found: [Row(k, v, closed=v[0]) for k, v in found.items()])
-    monkeypatch.setattr(_reproduce, "cases", lambda: {"tiny": case})
+    monkeypatch.setattr(cases, "all_cases", lambda: {"tiny": case})
     return parts, done, part
 
 
@@ -43,7 +44,7 @@ def test_what_is_done_is_kept_and_not_done_again(tiny, tmp_path, capsys):
     assert out.out.count("agrees") == 4
     assert "about 2 s" in out.err
     assert "tiny: a small case; done" in out.err
-    table = (tmp_path / _reproduce.TABLE).read_text()
+    table = (tmp_path / report.TABLE).read_text()
     assert table.splitlines()[2] == "| tiny | one | - | 1 | 1 | - | 1 | agrees |"
 
 
@@ -82,7 +83,7 @@ def test_the_certificate_is_a_table_of_numbers_too(tiny, tmp_path):
     from pyarrow import parquet
 
     _run(tmp_path, "tiny")
-    rows = parquet.read_table(tmp_path / _reproduce.PARQUET).to_pylist()
+    rows = parquet.read_table(tmp_path / report.PARQUET).to_pylist()
     assert [(row["what"], row["closed_form"], row["mean"], row["n"], row["verdict"]) for row in rows] == [
         ("one", 1.0, 1.0, 1, "agrees"),
         ("two", 2.0, 2.0, 1, "agrees"),
@@ -130,7 +131,7 @@ def test_verdicts():
 
 def test_every_case_can_be_told_before_it_is_done():
     """Names, what is compared and for how long are there without doing anything; keys of parts are their own."""
-    for name, case in _reproduce.cases().items():
+    for name, case in cases.all_cases().items():
         parts = case.parts()
         assert case.name == name
         assert case.about
@@ -144,10 +145,10 @@ def test_every_case_can_be_told_before_it_is_done():
 @pytest.mark.parametrize("name", ["theory", "commons"])
 def test_short_cases_agree_with_their_closed_forms(name, tmp_path):
     """The drive under constant intake, and the most eaters that a pool bears."""
-    case, ledger = _reproduce.cases()[name], Ledger(tmp_path)
-    for part in _reproduce.left(case, ledger):
-        ledger.do(case, part)
-    rows = _reproduce.rows(case, ledger)
+    case, kept = cases.all_cases()[name], Ledger(tmp_path)
+    for part in ledger.left(case, kept):
+        kept.do(case, part)
+    rows = ledger.rows(case, kept)
     assert rows
     assert all(row.says() == "agrees" for row in rows)
 
@@ -155,13 +156,13 @@ def test_short_cases_agree_with_their_closed_forms(name, tmp_path):
 def test_the_yardsticks_of_the_trap():
     """Who rests starves with the first accident or without; who forages has no need to; who rescues feeds the other."""
     words = {"condition": "none"}
-    lives = {p: _episodes.scripted("trap", words, p, 1, 2, 1500) for p in (_reproduce.rests, _reproduce.forages)}
-    assert max(lives[_reproduce.rests][0][0]) <= 1200  # at most 1 + 0.2 of energy, 0.001 a tick
-    assert lives[_reproduce.forages][0][0] == [1500, 1500]
-    for policy, helped in ((_reproduce.forages, False), (_reproduce.rescues, True)):
+    lives = {p: episodes.scripted("trap", words, p, 1, 2, 1500) for p in (rests, forages)}
+    assert max(lives[rests][0][0]) <= 1200  # at most 1 + 0.2 of energy, 0.001 a tick
+    assert lives[forages][0][0] == [1500, 1500]
+    for policy, helped in ((forages, False), (rescues, True)):
         env = Ecology(scenarios.load("trap"))
         env.reset_arrays(0)
-        env.step_arrays(_reproduce.rests(env))
+        env.step_arrays(rests(env))
         place = np.array([[-0.8, 0.7], [0.8, -0.7]])
         env.put(internal=np.array([[1.0, 1.0], [0.25, 0.0]]), position=place)
         for _ in range(40):
@@ -173,14 +174,14 @@ def test_the_yardsticks_of_the_trap():
 def test_learners_of_the_trap_are_held_to_who_does_nothing():
     """Without a number from elsewhere, a row says whether its interval lies above the lives of those who rest."""
     done = {"scripted-rests": [800.0, 820.0], "hjb-none": [700.0, 1000.0, 900.0], "hjb-full": [1500.0, 1510.0, 1505.0]}
-    says = {row.what: row.says() for row in _reproduce.cases()["trap"].rows(done)}
+    says = {row.what: row.says() for row in cases.all_cases()["trap"].rows(done)}
     assert says == {
         "ticks lived, doing nothing, 2 lives": "scripted",
         "ticks lived, f/J, none": "cannot be told from doing nothing",
         "ticks lived, f/J, full": "better than doing nothing",
     }
     del done["scripted-rests"]
-    assert {row.says() for row in _reproduce.cases()["trap"].rows(done)} == {"no number to compare with"}
+    assert {row.says() for row in cases.all_cases()["trap"].rows(done)} == {"no number to compare with"}
 
 
 def test_a_walk_to_food_is_one_action(monkeypatch):
@@ -196,9 +197,9 @@ def test_a_walk_to_food_is_one_action(monkeypatch):
         def act(self, observations, masks):
             return go
 
-    monkeypatch.setattr(_reproduce.agents, "make", lambda name, group, seed, _: Goes(group, seed))
-    assert _reproduce._drives("EASY", "random_actions", 0, 1, 0) == drives[-1]
-    assert _reproduce._drives("EASY", "random", 0, 9, 4) == pytest.approx(np.mean(drives[4:9]), abs=1e-12)
+    monkeypatch.setattr(authors.agents, "make", lambda name, group, seed, _: Goes(group, seed))
+    assert authors.mean_drive("EASY", "random_actions", 0, 1, 0) == drives[-1]
+    assert authors.mean_drive("EASY", "random", 0, 9, 4) == pytest.approx(np.mean(drives[4:9]), abs=1e-12)
 
 
 def test_f_and_j_learn_to_share_only_where_they_feel_it():
@@ -207,7 +208,7 @@ def test_f_and_j_learn_to_share_only_where_they_feel_it():
     Over seven pairs that learn each for itself, lives have their median near the 14.5 ticks of who always eats
     in one condition, and near the cap of 200 in the other.
     """
-    lived = {c: _episodes.hjb("food_share", {"condition": c}, 7, 600, 200) for c in ("cognitive", "affective")}
+    lived = {c: episodes.hjb("food_share", {"condition": c}, 7, 600, 200) for c in ("cognitive", "affective")}
     median = {c: np.median([np.mean(lengths) for lengths in found]) for c, found in lived.items()}
     assert median["cognitive"] < 60
     assert median["affective"] > 120
@@ -217,10 +218,10 @@ def test_ppo_without_the_library_is_told():
     """Where Stable-Baselines3 is missing, PPO says which extra it needs; where it is there, it learns a little."""
     words = {"count": 2, "steps": 64, "scale": 1.0, "cap": 50, "seed": 0}
     learning = {"n_steps": 16, "batch_size": 16}
-    if _reproduce._has_ppo():
-        assert all(0 < n <= 50 for n in _episodes.ppo("food_share", {}, learning, **words))
+    if empathic.has_ppo():
+        assert all(0 < n <= 50 for n in episodes.ppo("food_share", {}, learning, **words))
     else:
         with pytest.raises(EcologyError, match="'sb3'"):
-            _episodes.ppo("food_share", {}, learning, **words)
-        assert all("ppo" not in part.key for part in _reproduce.cases()["food_share"].parts())
-        assert "left out" in _reproduce.cases()["food_share"].notes[0]
+            episodes.ppo("food_share", {}, learning, **words)
+        assert all("ppo" not in part.key for part in cases.all_cases()["food_share"].parts())
+        assert "left out" in cases.all_cases()["food_share"].notes[0]

@@ -15,9 +15,8 @@ import pytest
 from ecology import Ecology, EcologyError, agents, scenarios
 from ecology.agents import evaluation
 from ecology.lab.cli import main
-from ecology.lab.runs import run as _run
-from ecology.lab.runs import sweep as _sweep
-from ecology.lab.runs.run import Run
+from ecology.lab.runs import sweep as sweeps
+from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import resolve
 
 WORLD = """
@@ -63,13 +62,13 @@ def ecology(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 def sweep(ecology: Type, monkeypatch: pytest.MonkeyPatch) -> Type:
     """Return `ecology sweep world.py --out out --seeds 0:2`, whose runs are run in this process."""
 
-    def attempt(cell: _sweep.Cell, stop: threading.Event) -> tuple[int, str]:
-        run = _run.opened(cell.folder)
+    def attempt(cell: sweeps.Cell, stop: threading.Event) -> tuple[int, str]:
+        run = open_run(cell.folder)
         run.resume()
         run.live()
         return 0, ""
 
-    monkeypatch.setattr(_sweep, "by_process", attempt)
+    monkeypatch.setattr(sweeps, "by_process", attempt)
     return lambda *words: ecology("sweep", "world.py", "--out", "out", "--seeds", "0:2", "--workers", "1", *words)
 
 
@@ -166,9 +165,9 @@ def test_an_evaluation_measures_own_drives(tmp_path: Path) -> None:
 def test_a_sweep_with_empathy_shows_own_drives_first(sweep: Type, monkeypatch: pytest.MonkeyPatch) -> None:
     """The own drive is printed and drawn before the felt one, and both are columns of the table."""
     drawn: list[list[str]] = []
-    draw = _sweep.draw
+    draw = sweeps.draw
     monkeypatch.setattr(
-        _sweep, "draw", lambda path, panels, title: (drawn.append([*panels]), draw(path, panels, title))
+        sweeps, "draw", lambda path, panels, title: (drawn.append([*panels]), draw(path, panels, title))
     )
     code, out, err = sweep("--set", "weight=0.0,0.5")
     assert code == 0, err
@@ -236,8 +235,8 @@ def test_columns_are_chosen_by_what_is_felt() -> None:
     """Own drives lead where they differ, per species too; of a measured run what was learned leads."""
 
     def columns(evaluate: bool = False, **summary: Any) -> list[str]:
-        cell = _sweep.cells_of("commons", Path("out"), seeds=[0], settings={}, evaluate=evaluate)[0]
-        return _sweep.columns_of([_sweep.Outcome(cell, summary)])
+        cell = sweeps.cells_of("commons", Path("out"), seeds=[0], settings={}, evaluate=evaluate)[0]
+        return sweeps.columns_of([sweeps.Outcome(cell, summary)])
 
     assert columns(mean_drive=1.0, mean_own_drive=1.0) == ["mean_drive"]
     assert columns(mean_drive=1.0, mean_own_drive=2.0) == ["mean_own_drive", "mean_drive"]
@@ -248,7 +247,7 @@ def test_columns_are_chosen_by_what_is_felt() -> None:
         "population.nurse.mean", "species_own_drive.nurse", "species_drive.nurse",
         "population.brood.mean", "species_drive.brood",
     ]  # fmt: skip
-    assert [_sweep.label(column) for column in columns(**felt)[:3]] == [
+    assert [sweeps.label(column) for column in columns(**felt)[:3]] == [
         "nurse population",
         "nurse own drive",
         "nurse drive",

@@ -20,15 +20,18 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from conftest import PATIENCE
 
 import ecology
 from ecology import EcologyError, agents
 from ecology.agents import checkpoint
 from ecology.agents.base import DivergedError, Learner, Transition
 from ecology.lab.cli import main
-from ecology.lab.runs import run as _run
-from ecology.lab.runs.run import Run
+from ecology.lab.runs import run as runs
+from ecology.lab.runs.folder import CHECKPOINT, EVALUATION, check_evaluation
+from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import Plan, read_config, resolve, words_of
+from ecology.lab.runs.stopping import Interrupt
 
 CROWD = """
 '''Twelve wide bodies in a small room: they touch each other and the walls at every tick.'''
@@ -47,7 +50,7 @@ def build(decay=0.01, noise=0.02):
 def lived(folder: Path) -> int:
     """Return the tick of the checkpoint in `folder`, 0 where there is none."""
     with contextlib.suppress(EcologyError):
-        return int(checkpoint.read(folder / _run.CHECKPOINT)["tally"][1]["tick"])
+        return int(checkpoint.read(folder / CHECKPOINT)["tally"][1]["tick"])
     return 0
 
 
@@ -134,7 +137,7 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
     expected = whole.live()
     assert whole.tally.span == 1
     assert expected["population"]["crowd"]["least"] < expected["population"]["crowd"]["most"]
-    monkeypatch.setattr(_run, "BLOCKS", 16)
+    monkeypatch.setattr(runs, "BLOCKS", 16)
     part = Run(plan(50), tmp_path / "parts")
     part.start()
     part.live()
@@ -242,11 +245,11 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
          "--config", str(config), "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    until = time.monotonic() + 40
+    until = time.monotonic() + PATIENCE
     while not lived(out) and process.poll() is None and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
-    said, errors = process.communicate(timeout=40)
+    said, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 128 + signum, errors
     assert "Traceback" not in errors
     assert f"--resume {out}" in said
@@ -280,7 +283,7 @@ def test_a_run_that_goes_on_equals_one_that_was_never_left(crowd: Callable[..., 
     rest.resume()
     assert rest.now == 100
     rest.live()
-    one, other = (checkpoint.read(run.folder / _run.CHECKPOINT) for run in (whole, rest))
+    one, other = (checkpoint.read(run.folder / CHECKPOINT) for run in (whole, rest))
     one["tally"][1].pop("seconds"), other["tally"][1].pop("seconds")  # type: ignore[attr-defined]
     for name, (arrays, values) in one.items():
         assert values == other[name][1], name
@@ -324,9 +327,9 @@ def test_a_killed_run_goes_on_whenever_it_was_killed(tmp_path: Path, capsys: pyt
     # killed after the first rows, before a checkpoint of a lived tick
     code = (
         "import os\nfrom ecology.lab import cli\n"
-        "from ecology.lab.runs import run as _run\nfrom ecology.observers import recorder, rerun\n"
+        "from ecology.lab.runs.stopping import Interrupt\nfrom ecology.observers import recorder, rerun\n"
         "recorder.SECONDS = rerun.SECONDS_FILE = 0.0\n"
-        "_run.Interrupt.watch = lambda self, state, *_: os.kill(os.getpid(), 9) if state.tick == 25 else None\n"
+        "Interrupt.watch = lambda self, state, *_: os.kill(os.getpid(), 9) if state.tick == 25 else None\n"
     )
     killed = tmp_path / "killed"
     live = f"cli.main(['run', 'paper', '--out', {str(killed)!r}, *{words!r}])"
@@ -362,7 +365,7 @@ def test_a_killed_run_goes_on_whenever_it_was_killed(tmp_path: Path, capsys: pyt
 def test_nohup_is_respected() -> None:
     """A run that was told to ignore SIGHUP goes on ignoring it."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    interrupt = _run.Interrupt()
+    interrupt = Interrupt()
     try:
         interrupt.begin(None, {})  # type: ignore[arg-type]
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
@@ -438,7 +441,7 @@ def test_a_damaged_checkpoint_is_one_clear_error(
     run = crowd("mine", 20)
     run.start()
     run.live()
-    DAMAGE[damage](run.folder / _run.CHECKPOINT)
+    DAMAGE[damage](run.folder / CHECKPOINT)
     before = _files(run.folder)
     with pytest.raises(SystemExit, match="2"):
         main(["run", "--resume", str(run.folder), "--ticks", "40"])
@@ -493,7 +496,7 @@ def test_a_checkpoint_of_other_settings_of_the_learner_is_refused(tmp_path: Path
     config = out / "config.toml"
     config.write_text(config.read_text().replace("gamma = 0.995", "gamma = 0.9"))
     with pytest.raises(EcologyError, match="learners"):
-        _run.opened(out, 50).resume()
+        open_run(out, 50).resume()
 
 
 def test_the_words_of_a_checkpoint_are_the_same_in_every_process() -> None:
@@ -594,7 +597,10 @@ print("lived to", opens())
 def test_a_checkpoint_opens_whenever_its_writer_was_killed(tmp_path: Path) -> None:
     """SIGKILL before every single operation on files, and at 60 random moments, leaves a whole checkpoint."""
     done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path / "run/checkpoint")], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", KILLED, str(tmp_path / "run/checkpoint")],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     told = done.stdout.split()
@@ -625,7 +631,7 @@ def test_the_previous_checkpoint_is_used_on_request(
     assert _files(run.folder) == before
     cli("run", "--resume", str(run.folder), "--previous", "--ticks", "300", "--quiet")
     assert lived(run.folder) == 300
-    one, other = (checkpoint.read(each.folder / _run.CHECKPOINT) for each in (whole, run))
+    one, other = (checkpoint.read(each.folder / CHECKPOINT) for each in (whole, run))
     for name, (arrays, _) in one.items():
         for key, array in arrays.items():
             np.testing.assert_array_equal(array, other[name][0][key], err_msg=f"{name} {key}")
@@ -698,7 +704,7 @@ def test_a_checkpoint_that_may_not_be_read_is_not_called_damaged(
         with monkeypatch.context() as closed:
             closed.setattr(Path, method, refuse)
             with pytest.raises(EcologyError, match="Permission denied") as told:
-                checkpoint.read(run.folder / _run.CHECKPOINT)
+                checkpoint.read(run.folder / CHECKPOINT)
         assert "damaged" not in str(told.value)
         assert "Start" not in str(told.value)
     assert lived(run.folder) == 100
@@ -706,14 +712,14 @@ def test_a_checkpoint_that_may_not_be_read_is_not_called_damaged(
 
 def test_an_evaluation_that_may_not_be_read_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without permission to read an evaluation the error names that, and does not advise to replace it."""
-    (tmp_path / _run.EVALUATION).write_text("{}")
+    (tmp_path / EVALUATION).write_text("{}")
 
     def refuse(path: Path, *_: object, **__: object) -> str:
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
     monkeypatch.setattr(Path, "read_text", refuse)
     with pytest.raises(EcologyError, match="Permission denied") as told:
-        _run.check_evaluation(tmp_path, {})
+        check_evaluation(tmp_path, {})
     assert "--again" not in str(told.value)
 
 

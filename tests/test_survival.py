@@ -9,9 +9,9 @@ import pytest
 from ecology import Ecology, scenarios
 from ecology.agents import checkpoint
 from ecology.lab import cli
-from ecology.lab.certificate import case as _reproduce
-from ecology.lab.certificate import crowds as _survival
-from ecology.lab.certificate.case import Ledger
+from ecology.lab.certificate import crowds, ledger
+from ecology.lab.certificate.cases import all_cases
+from ecology.lab.certificate.ledger import Ledger
 
 
 def test_a_life_is_that_of_a_run(tmp_path):
@@ -20,7 +20,7 @@ def test_a_life_is_that_of_a_run(tmp_path):
     with pytest.raises(SystemExit):
         cli.main(["run", "colony", *words, "--out", str(tmp_path / "run")])
     alone = checkpoint.read(tmp_path / "run/checkpoint")["world"][0]
-    state, rows = _survival.lived("colony", 3, 150, lambda _, now: (now.tick, now.own_drive[0]), weight=0.5)
+    state, rows = crowds.lived("colony", 3, 150, lambda _, now: (now.tick, now.own_drive[0]), weight=0.5)
     for name, array in state.arrays().items():
         np.testing.assert_array_equal(array, alone[name], err_msg=name)
     assert rows[:, 0].tolist() == list(range(1, 151))
@@ -29,36 +29,36 @@ def test_a_life_is_that_of_a_run(tmp_path):
 
 def test_the_closed_form_is_the_recursion():
     """ln(n q / (n q - growth E0)) / ln(1 + growth) is the tick at which E' = (1 + growth) E - n q is below zero."""
-    assert _survival.bears() == pytest.approx(15)
-    assert math.isinf(_survival.emptied_at(15))
+    assert crowds.bears() == pytest.approx(15)
+    assert math.isinf(crowds.emptied_at(15))
     for n in (16, 18, 24):
         left, tick = 300.0, 0
         while left > 0:
             left, tick = min(300.0, 1.0005 * left - 0.01 * n), tick + 1
-        assert tick == math.ceil(_survival.emptied_at(n))
+        assert tick == math.ceil(crowds.emptied_at(n))
 
 
 def test_a_pool_is_emptied_once(monkeypatch):
     """The tick is the first after which nothing is left; what each ate is over the ticks until then."""
-    _, rows = _survival.lived("commons", 0, 20, lambda *_: (0.0,), n=4)
+    _, rows = crowds.lived("commons", 0, 20, lambda *_: (0.0,), n=4)
     assert rows.shape == (20, 1)
     state = type("State", (), {"eaten": np.array([6.0])})
     seen = np.array([[2.0, 0.1], [1.0, 0.1], [0.0, 0.3], [0.0, 0.5]])
-    monkeypatch.setattr(_survival, "lived", lambda *_, **__: (state, seen))
-    assert _survival.commons(2, 0, 4) == {"empty": 3, "stock": 0.0, "eaten": 1.0, "drive": 0.4}
+    monkeypatch.setattr(crowds, "lived", lambda *_, **__: (state, seen))
+    assert crowds.commons(2, 0, 4) == {"empty": 3, "stock": 0.0, "eaten": 1.0, "drive": 0.4}
     seen[2:, 0] = 0.5
-    assert _survival.commons(2, 0, 4) == {"empty": None, "stock": 0.5, "eaten": 0.75, "drive": 0.4}
+    assert crowds.commons(2, 0, 4) == {"empty": None, "stock": 0.5, "eaten": 0.75, "drive": 0.4}
 
 
 def test_the_dead_of_a_colony_have_no_drive(monkeypatch):
     """Means are over those alive and the ticks in which somebody is; of nobody there is none."""
     nan = math.nan
     seen = np.array([[1, 1, 9, 9, 1], [1, 1, 9, 9, 1], [0.5, 1, 0.2, 0.4, 0.5], [0, 1, nan, 0.6, 0.0]])
-    monkeypatch.setattr(_survival, "lived", lambda *_, **__: (None, seen))
-    found = _survival.colony(0.0, 0, 4)
+    monkeypatch.setattr(crowds, "lived", lambda *_, **__: (None, seen))
+    found = crowds.colony(0.0, 0, 4)
     assert found == pytest.approx({"brood alive": 0, "nurses alive": 1, "brood": 0.2, "nurses": 0.5, "gives": 0.25})
     seen[2:, 2] = nan
-    assert _survival.colony(0.0, 0, 4)["brood"] is None
+    assert crowds.colony(0.0, 0, 4)["brood"] is None
 
 
 def test_a_colony_is_looked_at_without_its_dead():
@@ -72,7 +72,7 @@ def test_a_colony_is_looked_at_without_its_dead():
     state = env.state_view
     assert np.flatnonzero(~state.alive).tolist() == [1, 3]
     young, old = state.own_drive[[4, 5]].mean(), state.own_drive[[0, 2]].mean()
-    assert _survival._colony_now(env, state) == pytest.approx((2 / 3, 2 / 3, young, old, 0.0))
+    assert crowds._colony_now(env, state) == pytest.approx((2 / 3, 2 / 3, young, old, 0.0))
 
 
 def pool(empty, stock=0.0):
@@ -83,10 +83,10 @@ def pool(empty, stock=0.0):
 def test_rows_and_table_of_the_pool():
     """Where every pool is kept and where it is emptied is compared with the closed form; the table has all."""
     done = {f"{n}-seed-{seed}": pool(None, 300.0) for n in (12, 14) for seed in range(3)}
-    done |= {f"{n}-seed-{seed}": pool(round(_survival.emptied_at(n)) + 9 * seed - 9) for n in (18, 20, 24)
+    done |= {f"{n}-seed-{seed}": pool(round(crowds.emptied_at(n)) + 9 * seed - 9) for n in (18, 20, 24)
              for seed in range(3)}  # fmt: skip
     done |= {"16-seed-0": pool(4900), "16-seed-1": pool(None, 60.0), "16-seed-2": pool(None, 60.0)}
-    case = _reproduce.cases()["commons_learners"]
+    case = all_cases()["commons_learners"]
     assert {part.key for part in case.parts()} == set(done)
     rows = case.rows(done)
     assert [row.says() for row in rows] == ["agrees"] * 7
@@ -104,7 +104,7 @@ def test_rows_and_table_of_the_colony():
     """A row for every weight and number, without a verdict, and a table with the values of every seed."""
     life = {"brood alive": 1.0, "nurses alive": 2 / 3, "brood": 0.2, "nurses": 0.4, "gives": 0.25}
     done = {f"{weight:g}-seed-{seed}": life for weight in (0.0, 0.25, 0.5, 1.0, 2.0) for seed in range(4)}
-    case = _reproduce.cases()["colony"]
+    case = all_cases()["colony"]
     assert [part.key for part in case.parts()] == list(done)
     rows = case.rows({**done, "0-seed-1": {**life, "brood": None}})
     assert [len(row.ours) for row in rows] == [4] * 5 + [3] + [4] * 4
@@ -118,14 +118,13 @@ def test_rows_and_table_of_the_colony():
 
 def test_tables_are_written_beside_the_certificate(tmp_path, monkeypatch, capsys):
     """`ecology reproduce` writes a case's table under its name, made from the lives that are kept."""
-    monkeypatch.setattr(_survival, "NUMBERS", (3,))
-    monkeypatch.setattr(_survival, "TICKS", 12)
-    monkeypatch.setattr(_survival.commons, "__defaults__", (12,))
+    monkeypatch.setattr(crowds, "NUMBERS", (3,))
+    monkeypatch.setattr(crowds, "TICKS", 12)
+    monkeypatch.setattr(crowds.commons, "__defaults__", (12,))
     for again in range(2):
         with pytest.raises(SystemExit):
             cli.main(["reproduce", "commons_learners", "--out", str(tmp_path)])
         assert ("3 of 3  commons_learners 3-seed-2" in capsys.readouterr().err) == (again == 0)
     assert "| 3 | 3 of 3 | -, -, - | - | 300 |" in (tmp_path / "commons_learners.md").read_text()
-    case, ledger = _reproduce.cases()["commons_learners"], Ledger(tmp_path)
-    assert _reproduce.left(case, ledger) == []
+    assert ledger.left(all_cases()["commons_learners"], Ledger(tmp_path)) == []
     assert json.loads((tmp_path / "parts/commons_learners/3-seed-0.json").read_text())["value"]["empty"] is None

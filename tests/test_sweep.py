@@ -16,11 +16,13 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from conftest import PATIENCE
 
 from ecology import EcologyError
 from ecology.lab.cli import main
-from ecology.lab.runs import run as _run
-from ecology.lab.runs import sweep as _sweep
+from ecology.lab.runs import sweep as sweeps
+from ecology.lab.runs.folder import lock
+from ecology.lab.runs.run import open_run
 
 WORLD = """
 import os, pathlib, signal, sys
@@ -28,7 +30,7 @@ from ecology import Arena, EcologyError, Need, Resource, Scenario, Species, cons
 
 def build(decay=0.01, kills=0, orphaned=0, refuses=False, pairs=(1, 2), ticks=60):
     here = pathlib.Path(__file__).parent
-    if "ecology.lab.runs.sweep" in sys.orig_argv:  # in the process of a run, not in the sweep's own
+    if "ecology.lab.cli.worker" in sys.orig_argv:  # in the process of a run, not in the sweep's own
         folder = pathlib.Path(sys.orig_argv[-1])
         with open(here / "attempts", "a") as file:
             file.write(f"{folder.name}\\n")
@@ -67,14 +69,14 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Live runs in this process instead of one of their own, and return the list of those begun."""
     begun: list[str] = []
 
-    def attempt(cell: _sweep.Cell, stop: threading.Event) -> tuple[int, str]:
+    def attempt(cell: sweeps.Cell, stop: threading.Event) -> tuple[int, str]:
         begun.append(cell.name)
-        run = _run.opened(cell.folder)
+        run = open_run(cell.folder)
         run.resume()
         run.live()
         return 0, ""
 
-    monkeypatch.setattr(_sweep, "by_process", attempt)
+    monkeypatch.setattr(sweeps, "by_process", attempt)
     return begun
 
 
@@ -89,7 +91,7 @@ def rows(out: str = "out") -> dict[str, list[Any]]:
 )
 def test_seeds_are_ranges_and_lists(text: str, seeds: list[int]) -> None:
     """FIRST:END without END, single seeds, and lists of both, each seed once."""
-    assert _sweep.seeds_of(text) == seeds
+    assert sweeps.seeds_of(text) == seeds
 
 
 @pytest.mark.parametrize("text", ["", "a", "4:2", "3:3", "-1:2", "0:1:2", "1,", "0:99999999999"])
@@ -125,16 +127,16 @@ def test_bad_seeds_are_one_clear_error(sweep: Sweep, text: str) -> None:
 )
 def test_values_are_toml_or_words(text: str, values: list[Any]) -> None:
     """Commas outside of quotes and brackets separate values; values that mean the same are there once."""
-    key, found = _sweep.values_of(text)
+    key, found = sweeps.values_of(text)
     assert key == "a"
     assert repr(found) == repr(values)
 
 
 def test_values_that_mean_the_same_are_one_run(sweep: Sweep, tmp_path: Path) -> None:
     """A setting written in two ways, and a learner given twice, are lived once."""
-    cells = _sweep.cells_of(
+    cells = sweeps.cells_of(
         str(tmp_path / "world.py"), tmp_path / "out", seeds=[0], ticks=5,
-        settings=dict([_sweep.values_of("decay=1,1.0,1e0"), _sweep.values_of("pairs=[1, 2],(1, 2)")]),
+        settings=dict([sweeps.values_of("decay=1,1.0,1e0"), sweeps.values_of("pairs=[1, 2],(1, 2)")]),
         learners=["random,rest,random"],
     )  # fmt: skip
     assert [cell.varied["learner"] for cell in cells] == ["random", "rest"]
@@ -158,9 +160,9 @@ def test_a_sweep_leaves_a_table_and_a_figure(sweep: Sweep, quick: list[str]) -> 
         assert table["ticks"][i] == summary["ticks"] == 40
         assert f"decay={table['set.decay'][i]}" in name
     assert Path("out/sweep.png").read_bytes()[:4] == b"\x89PNG"
-    cells = _sweep.cells_of("world.py", Path("out").absolute(), seeds=[0, 1], settings={"decay": [0.01, 0.05]})
+    cells = sweeps.cells_of("world.py", Path("out").absolute(), seeds=[0, 1], settings={"decay": [0.01, 0.05]})
     drives = ((1.0, 2.0), (3.0, 3.0))
-    found = _sweep.points(_sweep.Outcome(cell, {"mean_drive": drives[i // 2][i % 2]}) for i, cell in enumerate(cells))
+    found = sweeps.points(sweeps.Outcome(cell, {"mean_drive": drives[i // 2][i % 2]}) for i, cell in enumerate(cells))
     t = 12.7062047  # of 1 degree of freedom, 97.5 %
     assert (found[0].mean, found[0].low, found[0].high) == pytest.approx((1.5, 1.5 - t * 0.5, 1.5 + t * 0.5))
     assert (found[1].low, found[1].high) == (3.0, 3.0)
@@ -260,7 +262,7 @@ def test_what_cannot_be_measured_keeps_its_row(sweep: Sweep, quick: list[str], m
     """Where a sweep is stopped while it measures, the lives that the table had stay in it."""
     assert sweep("--seeds", "0:2")[0] == 0
     before = rows()
-    monkeypatch.setattr(_sweep, "by_process", lambda *_: (_sweep.USER_ERROR, "no"))
+    monkeypatch.setattr(sweeps, "by_process", lambda *_: (sweeps.USER_ERROR, "no"))
     assert sweep("--seeds", "0:2", "--evaluate")[0] == 2
     assert rows() == before
 
@@ -352,11 +354,11 @@ def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, s
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     long = [out / f"runs/ticks=3000000_seed={seed}" for seed in range(2)]
-    until = time.monotonic() + 40
+    until = time.monotonic() + PATIENCE
     while not all((each / "checkpoint").exists() for each in long) and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
-    said, errors = process.communicate(timeout=40)
+    said, errors = process.communicate(timeout=PATIENCE)
     while _alive(str(out)) and time.monotonic() < until + 20:
         time.sleep(0.05)
     assert not _alive(str(out))
@@ -369,27 +371,27 @@ def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, s
         assert process.returncode == 130
         assert "go on with the same command" in said
         assert pq.read_table(out / "sweep.parquet")["ticks"].to_pylist() == [60, 60, 60]
-    assert [_sweep.finished(cell) is not None for cell in _cells(out)] == [True] * 3 + [False] * 3
+    assert [sweeps.finished(cell) is not None for cell in _cells(out)] == [True] * 3 + [False] * 3
 
 
-def _cells(out: Path) -> list[_sweep.Cell]:
-    return _sweep.cells_of("world.py", out, seeds=range(3), settings={"ticks": [60, 3000000]})
+def _cells(out: Path) -> list[sweeps.Cell]:
+    return sweeps.cells_of("world.py", out, seeds=range(3), settings={"ticks": [60, 3000000]})
 
 
 def test_two_processes_in_one_folder_are_kept_apart(sweep: Sweep, quick: list[str]) -> None:
     """While one process writes to a folder, another is refused with exit code 2."""
     assert sweep("--seeds", "0:1")[0] == 0
-    with _run.held(Path("out")):
+    with lock(Path("out")):
         code, _, err = sweep("--seeds", "0:2")
     assert code == 2
     assert "another process is writing to the folder" in err
-    with _run.held(Path("out/runs/seed=0")), pytest.raises(SystemExit, match="2"):
+    with lock(Path("out/runs/seed=0")), pytest.raises(SystemExit, match="2"):
         main(["run", "--resume", "out/runs/seed=0", "--ticks", "80"])
     started = time.monotonic()
     with (
-        _run.held(Path("out")),
+        lock(Path("out")),
         pytest.raises(EcologyError, match="another process"),
-        _run.held(Path("out"), patience=0.3),
+        lock(Path("out"), patience=0.3),
     ):
         pass
     assert time.monotonic() - started >= 0.3
@@ -400,7 +402,9 @@ def test_a_sweep_lives_on_ray(sweep: Sweep) -> None:
     pytest.importorskip("ray", reason="the extra ray is not installed")
     words = ("--seeds", "5", "--set", "kills=0,1", "--set", "orphaned=0,1")
     command = [sys.executable, "-m", "ecology.lab.cli", "sweep", "world.py", *words]
-    done = subprocess.run([*command, "--out", "out", "--ray", "local"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [*command, "--out", "out", "--ray", "local"], capture_output=True, text=True, timeout=PATIENCE
+    )
     assert done.returncode == 0, done.stderr
     on_ray, usual = rows(), attempts().count("kills=0_orphaned=0_seed=5")
     assert attempts().count("kills=1_orphaned=0_seed=5") == usual + 1

@@ -9,26 +9,26 @@ import pytest
 
 from ecology.agents import device as devices
 from ecology.agents.torch_device import Torch
-from ecology.lab.bench import updates as _updates
+from ecology.lab.bench import updates
 
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time every call once or twice."""
-    monkeypatch.setattr(_updates, "WINDOW", 0.0)
+    monkeypatch.setattr(updates, "WINDOW", 0.0)
     monkeypatch.setattr(devices, "WORKERS", devices.WORKERS)  # which the command changes
 
 
 def test_a_row_counts_weights_and_takes_ratios(capsys: pytest.CaptureFixture[str]) -> None:
     """Weights are those of both networks; the kernels move one head of f in fourteen; ratios are of the times told."""
-    found = _updates.cost(3, 8, "cpu", 1)
+    found = updates.cost(3, 8, "cpu", 1)
     zeta, actions, width = 9, 14, 8
     hidden = (zeta + 1) * width + width + width * width + width  # the heading is a cosine and a sine
     head = (zeta + 1) * (width + 1)
     assert found.weights == hidden + actions * head + hidden + width + 1
     assert found.moved == hidden + head + hidden + width + 1
     assert min(found.update, found.score, found.floor, found.plain) > 0
-    _updates.main(["--agents", "1,3", "--widths", "8", "--rounds", "1"])
+    updates.main(["--agents", "1,3", "--widths", "8", "--rounds", "1"])
     *_, one, three = (line.split(" | ") for line in capsys.readouterr().out.splitlines())
     assert [one[0], one[3], three[3]] == ["| 8", "1", "3"]
     update, score, floor, plain = (float(three[k].replace(",", "")) for k in (4, 5, 8, 10))
@@ -42,7 +42,7 @@ def test_a_row_counts_weights_and_takes_ratios(capsys: pytest.CaptureFixture[str
 
 def test_what_is_timed_is_an_update_of_everyone() -> None:
     """Both networks of all agents take a step from their own transition, on which alone they have lived."""
-    learner, zeta, open_ = _updates.population(4, 8, "cpu")
+    learner, zeta, open_ = updates.population(4, 8, "cpu")
     assert learner.memory.count.tolist() == [1] * 4
     assert zeta.shape == (4, 9)
     assert open_[np.arange(4), learner.memory.movement[:, 0]].all()
@@ -53,7 +53,7 @@ def test_what_is_timed_is_an_update_of_everyone() -> None:
 def test_on_another_device_all_weights_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Torch moves rows as a whole; the plain loop is for the kernels alone."""
     monkeypatch.setattr(devices, "make", lambda name, senses, n: Torch("cpu", senses))
-    found = _updates.cost(3, 8, "cuda", 1)
+    found = updates.cost(3, 8, "cuda", 1)
     assert found.moved == found.weights
     assert min(found.update, found.score, found.floor) > 0
     assert math.isnan(found.plain)
@@ -63,6 +63,6 @@ def test_on_another_device_all_weights_count(monkeypatch: pytest.MonkeyPatch) ->
 def test_what_cannot_be_measured_is_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """A user's error is a message with what was given and exit code 2."""
     with pytest.raises(SystemExit) as stop:
-        _updates.main(words)
+        updates.main(words)
     assert stop.value.code == 2
     assert words[1] in capsys.readouterr().err

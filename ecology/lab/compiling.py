@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from numba.core import event
@@ -53,3 +55,21 @@ class Lines:
 
 
 notice = Compiling()  # of this process; a command decides where it is said
+
+
+@contextlib.contextmanager
+def announced(*, quiet: bool = False) -> Iterator[None]:
+    """Print lines on stderr while functions are compiled, unless `quiet`."""
+    notice.say = _ignore if quiet else Lines(_print_error)
+    with event.install_listener("numba:compile", notice):
+        yield
+
+
+def _ignore(words: str) -> None:
+    """Print nothing."""
+
+
+def _print_error(words: str) -> None:
+    """Print a line on stderr; a terminal that hung up stops nothing."""
+    with contextlib.suppress(OSError):
+        print(words, file=sys.stderr, flush=True)

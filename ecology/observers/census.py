@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ecology.decision import Decision
 from ecology.env import Ecology, Group, Tick
-from ecology.observers.base import Decision
 from ecology.observers.wishes import AGENTS, Click
 from ecology.plane import plane_of
 from ecology.scenario import Scenario

@@ -143,9 +143,7 @@ class Control:
         """Return by how many ticks the last of the pages is behind that are waited for."""
         if not self._patient:
             return 0.0
-        lags = [
-            self._sent - w.shown for w in self._watchers.values() if now - w.heard < GONE and now - w.moved < STUCK
-        ]
+        lags = [self._sent - w.shown for w in self._watchers.values() if now - w.heard < GONE and now - w.moved < STUCK]
         return max([0.0, *lags])
 
     def _allowed(self, now: float) -> float:

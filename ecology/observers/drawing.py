@@ -452,7 +452,9 @@ def drive_shares(species: Species, internal: np.ndarray) -> np.ndarray:
     square = np.where(regulated, internal - [need.set_point for need in species.needs], 0.0) ** 2
     total = square.sum(axis=1, keepdims=True)
     drive = (total + species.drive_epsilon) ** (species.drive_exponent / 2)
-    return np.divide(drive * square, total, out=np.where(np.isfinite(total), np.zeros_like(square), np.nan), where=total > 0)
+    return np.divide(
+        drive * square, total, out=np.where(np.isfinite(total), np.zeros_like(square), np.nan), where=total > 0
+    )
 
 
 def _times(ticks: np.ndarray, times: np.ndarray) -> list[rr.TimeColumn]:

@@ -37,7 +37,7 @@ class Relay:
         self._waiting: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._bytes, self._lock = 0, threading.Lock()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "ecology.observers.relay", url],
+            [sys.executable, "-P", "-m", "ecology.observers.relay", url],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -16,7 +16,7 @@ import numpy as np
 
 from ecology import Ecology, scenarios
 from ecology.agents import evaluation
-from ecology.lab import cli
+from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 from ecology.lab.runs.sweep import DPI, LEARNED, TABLE
 from ecology.observers.colours import PALETTE
 
@@ -86,9 +86,9 @@ def camping(scenario: str) -> float:
     """Return the mean drive of who stays at the best resource."""
     world = scenarios.load(scenario)
     group = next(iter(Ecology(world).groups.values()))
-    seed = cli.EVALUATION_SEED
-    there = evaluation.baseline("camping", world, group, seed, cli.EVALUATED)
-    return float(evaluation.mean_drive(world, there, cli.EVALUATED, seed, cli.SKIPPED).mean())
+    seed = EVALUATION_SEED
+    there = evaluation.baseline("camping", world, group, seed, EVALUATED)
+    return float(evaluation.mean_drive(world, there, EVALUATED, seed, SKIPPED).mean())
 
 
 def draw(path: Path, found: Sequence[Point], line: float) -> None:

@@ -1,6 +1,6 @@
 """A benchmark: agent-steps per second against the number of agents, of this world and of others, side by side.
 
-Every curve's point is a process of its own, started as `python -m ecology.lab.bench.speed WHAT AGENTS` or, for other
+Every curve's point is a process of its own, started as `python -P -m ecology.lab.bench.speed WHAT AGENTS` or, for other
 people's worlds, as `other_worlds.py`. All are pinned to one core with one thread each, and take turns: in every round
 each is timed for a moment, after a loop that is always the same, so that a machine that changes its speed changes
 it for all. Time is the process's own, which other programs on the machine do not lengthen.
@@ -197,7 +197,7 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
     for name in against:
         if name not in WORLDS:
             raise EcologyError(f"there is no world {name!r} to compare with. {nearest(name, WORLDS)}")
-    here = (sys.executable, "-m", "ecology.lab.bench.speed")
+    here = (sys.executable, "-P", "-m", "ecology.lab.bench.speed")
     for name in (ARRAYS, DICTS, *learners):
         most = max(counts)
         if name in learners:

@@ -14,12 +14,15 @@ from typing import Any
 import numpy as np
 
 from ecology import Ecology, State, Tick, scenarios
+from ecology.lab.certificate.case import Part
+from ecology.lab.certificate.report import markdown
 from ecology.lab.runs.run import Run
-from ecology.lab.runs.run_config import resolve
+from ecology.lab.runs.run_config import resolve, world_digest
 from ecology.observers.base import Mind
 
 TICKS = 5_000
 NUMBERS = (12, 14, 16, 18, 20, 24)  # of agents at the pool
+SEEDS = {"commons": 3, "colony": 4}  # of those who learn
 WEIGHTS = (0.0, 0.25, 0.5, 1.0, 2.0)  # of empathy
 LOOKS = Callable[[Ecology, State], tuple[float, ...]]
 
@@ -138,7 +141,26 @@ def _spread(values: Sequence[float | None]) -> str:
     return f"{np.mean(known):.2f} ({np.std(known, ddof=1):.2f})" if len(known) > 1 else "-"
 
 
-def markdown(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table of Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
+# ---- as cases ----------------------------------------------------------------------------------
+
+
+def parts_of(name: str, live: Callable[[Any, int], Any], values: Sequence[float], seconds: float) -> list[Part]:
+    """Return a part for every life of `name`: live(value, seed)."""
+    found = []
+    for value in values:
+        for seed in range(SEEDS[name]):
+            words = {"ticks": TICKS, "world": world_digest(scenarios.load(name))}
+
+            def compute(value=value, seed=seed) -> Any:
+                return live(value, seed)
+
+            found.append(Part(f"{value:g}-seed-{seed}", words, seconds, compute))
+    return found
+
+
+def lives_of(done: Mapping[str, Any]) -> dict[float, list[Any]]:
+    """Return the lives that are done by value, in the order of their seeds."""
+    found: dict[float, list[Any]] = {}
+    for key, life in done.items():
+        found.setdefault(float(key.partition("-")[0]), []).append(life)
+    return found

@@ -31,11 +31,13 @@ from ecology import EcologyError, Scenario, State, Tick, agents
 from ecology.agents import evaluation
 from ecology.agents.base import Learner
 from ecology.errors import writable
-from ecology.lab.certificate import crowds as _survival
-from ecology.lab.runs import fork as _fork
-from ecology.lab.runs import sweep as _sweep
-from ecology.lab.runs.run import Run, StoppedError, held, opened, replace_text, write_json
-from ecology.lab.runs.run_config import CONFIG, resolve, words_of, world_digest
+from ecology.lab.certificate.report import markdown
+from ecology.lab.runs import sweep
+from ecology.lab.runs.folder import CONFIG, lock, replace_text, write_json
+from ecology.lab.runs.fork import fork
+from ecology.lab.runs.run import Run, open_run
+from ecology.lab.runs.run_config import resolve, words_of, world_digest
+from ecology.lab.runs.stopping import StoppedError
 from ecology.observers.base import Mind, Observer
 
 WORLD, TRAINED = "paper", 60_000  # ticks of training
@@ -89,12 +91,12 @@ def measure_seed(
 def train(folder: Path, seed: int, ticks: int, settings: Mapping[str, Any], tell: Tell = lambda _: None) -> None:
     """Run a seed of `paper` in `folder` to its last tick, from its last checkpoint if there is one."""
     plan = resolve(WORLD, changes=settings, ticks=ticks, seed=seed, record=False)
-    cell = _sweep.Cell(plan=plan, varied={}, folder=folder)
-    _sweep.check(cell)
-    if _sweep.lived(cell) is not None:
+    cell = sweep.Cell(plan=plan, varied={}, folder=folder)
+    sweep.check(cell)
+    if sweep.lived(cell) is not None:
         return
     if (folder / CONFIG).is_file():
-        run = opened(folder)
+        run = open_run(folder)
         run.resume()
     else:
         run = Run(plan, folder)
@@ -109,7 +111,7 @@ def measure_run(folder: Path, *, life: int = LIFE, tell: Tell = lambda _: None) 
     for name, measure in MEASURES.items():
         if name not in told:
             tell(name)
-            start, run = time.monotonic(), opened(folder)
+            start, run = time.monotonic(), open_run(folder)
             run.restore()
             told |= {"seed": run.plan.seed, "ticks": run.plan.ticks, "life": life}
             told[name] = measure(run, life)
@@ -209,7 +211,7 @@ def moved(run: Run) -> dict[str, Any]:
     before = float(drive[-max(1, evaluation.WINDOW // span) :].mean())
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "moved"
-        forked = _fork.fork(run, at, out, changes={}, move={MOVED: PLACE}, ticks=at + ADAPTS, record=False)
+        forked = fork(run, at, out, changes={}, move={MOVED: PLACE}, ticks=at + ADAPTS, record=False)
         after, tick = Drives(learner.group.slots), at
         while tick < at + ADAPTS:
             tick = min(tick + evaluation.WINDOW // 2, at + ADAPTS)
@@ -389,7 +391,7 @@ def jobs(out: Path, seeds: Sequence[int], ticks: int, life: int, settings: Mappi
 def work(job: Job, stop: threading.Event) -> tuple[Job, str]:
     """Measure a seed in a process of its own; return what went wrong in words, if anything."""
     words = json.dumps([job.seed, job.ticks, job.settings, job.life])
-    code, said = _sweep.in_process(["ecology.lab.certificate.minds", words, str(job.folder)], stop)
+    code, said = sweep.in_process(["ecology.lab.certificate.minds", words, str(job.folder)], stop)
     return job, "" if is_done(job.folder, job.life) else said or f"it ended with exit code {code}"
 
 
@@ -425,7 +427,7 @@ def write(out: Path, done: Sequence[Job]) -> tuple[str, list[Path]]:
     )
     if first.settings:
         head += " Settings: " + ", ".join(f"{key}={value}" for key, value in first.settings.items()) + "."
-    text = f"{head}\n\n{_survival.markdown(HEAD, table)}"
+    text = f"{head}\n\n{markdown(HEAD, table)}"
     name = f"minds-{re.sub(r'[^A-Za-z0-9.-]+', '_', chip['numba_cpu_name'] or 'native')}"
     report = {
         "date": day, "ecology": ecology.__version__, **chip, "ticks": first.ticks, "life": first.life,
@@ -450,18 +452,18 @@ def _ranges(seeds: Sequence[int]) -> str:
 
 def _process() -> None:
     """Measure one seed as `work` says; stop when standard input closes."""
-    _sweep.stop_with_parent()
+    sweep.stop_with_parent()
     (seed, ticks, settings, life), folder = json.loads(sys.argv[1]), Path(sys.argv[2])
     try:
         with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        with held(folder, patience=_sweep.PATIENCE):
+        with lock(folder, patience=sweep.PATIENCE):
             measure_seed(seed, ticks, settings, life=life, folder=folder)
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
     except EcologyError as error:
         print(f"ecology: {error}", file=sys.stderr)
-        sys.exit(_sweep.USER_ERROR)
+        sys.exit(sweep.USER_ERROR)
 
 
 if __name__ == "__main__":

@@ -5,11 +5,9 @@ Scripted agents act on what their species senses, as learners do. They show what
 
 from __future__ import annotations
 
-import functools
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ import numpy as np
 from ecology import Ecology, Group, State, Tick, agents, scenarios
 from ecology.agents import loop
 from ecology.agents.base import Learner
-from ecology.lab.certificate.case import Case, Part, Row
 from ecology.lab.runs.run_config import world_digest
 from ecology.observers.base import Mind, Observer
 from ecology.scenarios.predator_prey import HUNT_SIGHT
@@ -29,7 +26,7 @@ LATER = 30  # ticks after a sighting at which the distance is measured
 STEP = 0.25  # half of the difference of distance over which the slope of J is taken, length
 EXPLORES = 0.05  # epsilon of frozen prey
 ARRIVAL = 0.01  # newcomers of each species where newborns are measured, per unit of time
-SEEDS, TICKS, WOUNDS = 8, 20_000, (0.0, 0.25, 0.5, 1.0)  # of the certificate
+SEEDS = 8  # of the certificate
 
 
 class Scripted(Learner):
@@ -226,88 +223,6 @@ def _known(learner: str, words: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in words.items() if name in agents.settings(learner)}
 
 
-# ---- the cases of the certificate ----------------------------------------------------------------
-
-
-def cases() -> list[Case]:
-    """Return the cases: whether fleeing pays, whether it is learned, and how long newborn predators live."""
-    return [
-        Case("fleeing", "whether fleeing pays in predator_prey, scripted prey and predators", _pays_parts, _pays_rows),
-        Case("fear", "learned flight, and J toward a predator by wound", _fear_parts, _fear_rows),
-        Case("newborns", "life span of predators that inherit nothing", _newborn_parts, _newborn_rows),
-    ]
-
-
-def _words(**more: Any) -> dict[str, Any]:
+def inputs(**more: Any) -> dict[str, Any]:
+    """Return what a part of a case in this world depends on."""
     return {"world": world_digest(scenarios.load("predator_prey")), **more}
-
-
-def _pays_parts() -> list[Part]:
-    return [Part(f"seed-{s}", _words(ticks=10_000), 12.0, functools.partial(pays, s)) for s in range(SEEDS)]
-
-
-def _pays_rows(done: Mapping[str, Any]) -> list[Row]:
-    given = "no number to compare with"
-    lives = list(done.values())
-    rows = [Row(f"scripted prey: {name}", [life[name] for life in lives], verdict=given) for name in (lives or [{}])[0]]
-    if lives:
-        ratio = [life["wounds fleeing"] / max(life["wounds"], 1e-9) for life in lives]
-        interval = Row("", ratio).interval()
-        halved = interval is not None and interval[1] < 0.5
-        rows.append(Row("deaths by wound, fleeing / not", ratio, verdict="halved" if halved else "not halved"))
-    return rows
-
-
-def _scared(wound: float, seed: int) -> dict[str, Any]:
-    """Return flight and fear of prey that learned for TICKS ticks under `wound`."""
-    env, minds, tick = learned(seed, TICKS, wound=wound)
-    before, fled = env.snapshot(), flight(env, minds["prey"], tick, seed=seed)
-    return {"flight": fled, "fear": fear(env, minds["prey"], env.restore(*before))}
-
-
-def _fear_parts() -> list[Part]:
-    words = _words(ticks=TICKS)
-    return [
-        Part(f"{wound:g}-seed-{s}", words, 300.0, functools.partial(_scared, wound, s))
-        for wound in WOUNDS
-        for s in range(SEEDS)
-    ]
-
-
-def _fear_rows(done: Mapping[str, Any]) -> list[Row]:
-    rows = []
-    for wound in WOUNDS:
-        lives = [life for key, life in done.items() if key.startswith(f"{wound:g}-")]
-        for what, values in (
-            ("distance after a sighting, learned - random", [d["flight"]["difference"] for d in lives if d["flight"]]),
-            ("slope of J toward a predator", [d["fear"] for d in lives if d["fear"] is not None]),
-        ):
-            if values:
-                row = Row(f"{what}, wound {wound:g}", values)
-                low, high = row.interval() or (-math.inf, math.inf)
-                verdict = "above 0" if low > 0 else "below 0" if high < 0 else "cannot be told from 0"
-                rows.append(replace(row, verdict=verdict))
-    return rows
-
-
-def _newborn_parts() -> list[Part]:
-    return [
-        Part(f"{name}-seed-{s}", _words(ticks=10_000, arrival=ARRIVAL), 150.0, functools.partial(newborns, s, name))
-        for name in ("lean", "random")
-        for s in range(SEEDS)
-    ]
-
-
-def _newborn_rows(done: Mapping[str, Any]) -> list[Row]:
-    lives = {name: [life for key, life in done.items() if key.startswith(name)] for name in ("lean", "random")}
-    rows = [
-        Row(f"ticks lived by predators, {name}", found, verdict="no number to compare with")
-        for name, found in lives.items()
-        if found
-    ]
-    if all(lives.values()):
-        ratio = (np.array(lives["lean"][: len(lives["random"])]) / lives["random"][: len(lives["lean"])]).tolist()
-        interval = Row("", ratio).interval()
-        doubled = interval is not None and interval[0] > 2.0
-        rows.append(Row("ticks lived, learned / random", ratio, verdict="doubled" if doubled else "not doubled"))
-    return rows

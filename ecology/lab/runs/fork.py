@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ecology.agents import checkpoint
-from ecology import faults as _faults
-from ecology.lab.runs.run_config import CONFIG, read_config, resolve
-from ecology.lab.runs.run import CHECKPOINT, KEPT, Run
 
-from ecology import Ecology, EcologyError, Scenario
+from ecology import Ecology, EcologyError, Scenario, faults
+from ecology.agents import checkpoint
 from ecology.errors import nearest
 from ecology.kernels import inside_polygon
+from ecology.lab.runs.folder import CHECKPOINT, CONFIG, KEPT
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import read_config, resolve
 from ecology.observers.base import Observer
 from ecology.spec import Oscillation
 from ecology.state import CAUSES, Ints
@@ -62,8 +62,8 @@ def fork(
         forked.become(parts)
     except Exception as error:
         raise EcologyError(
-            f"the run cannot go on with these settings ({_faults.told(error)}). A fork changes numbers, not what there "
-            "is in the world, nor the shape of a learner."
+            f"the run cannot continue with these settings ({faults.describe(error)}). A fork changes numbers; "
+            "it cannot add or remove parts of the world or change the shape of a learner."
         ) from error
     for species, learner in forked.learners.items():  # as if they had died in the last tick
         rows = forked.env.groups[species].slots

@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
-import os
-import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
+
+from ecology import Ecology, EcologyError, Scenario, State, Tick, agents, faults
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError, Learner
-from ecology import faults as _faults
-from ecology.lab.runs.run_config import CONFIG, Choice, Plan, read_config, resolve, words_of, world_digest
-
-from ecology import Ecology, EcologyError, Scenario, State, Tick, agents
-from ecology.errors import readable, writable
+from ecology.errors import writable
+from ecology.lab.runs.folder import (
+    CHECKPOINT,
+    CONFIG,
+    KEPT,
+    SUMMARY,
+    WRITES,
+    replace_text,
+    write_json,
+)
+from ecology.lab.runs.run_config import Choice, Plan, read_config, resolve, words_of, world_digest
+from ecology.lab.runs.stopping import Interrupt, StoppedError
 from ecology.observers.base import Mind, Observer
 from ecology.state import CAUSES
 
-SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
-EVALUATION, FIGURES = "evaluation.json", "figures"
-KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
-WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
 BLOCKS = 2**16  # in which the ticks of a run are summed up: one tick each, then two, four, ...
 LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
 
@@ -267,43 +268,6 @@ def _share(part: float, whole: float) -> float | None:
 # ---- the run ---------------------------------------------------------------------------------
 
 
-class StoppedError(Exception):
-    """A signal asked the run to stop; it stops after a whole tick."""
-
-    def __init__(self, signum: int) -> None:
-        super().__init__(signal.Signals(signum).name)
-        self.signum = signum
-
-
-class Interrupt:
-    """Turn SIGINT, SIGTERM and SIGHUP into a stop after the present tick; an observer, the last one."""
-
-    def __init__(self) -> None:
-        self._signum = 0
-        self._before: dict[int, Any] = {}
-
-    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Listen to the signals; only the main thread can."""
-        with contextlib.suppress(ValueError):
-            for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-                signum = getattr(signal, name, None)  # Windows has no SIGHUP, nohup ignores it
-                if signum is not None and (name != "SIGHUP" or signal.getsignal(signum) is not signal.SIG_IGN):
-                    self._before[signum] = signal.signal(signum, self._heard)
-
-    def _heard(self, signum: int, frame: FrameType | None) -> None:
-        self._signum = signum
-
-    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
-        """Stop the run where a signal has come."""
-        if self._signum:
-            raise StoppedError(self._signum)
-
-    def end(self) -> None:
-        """Put the signals' former handlers back."""
-        for signum, handler in self._before.items():
-            signal.signal(signum, handler)
-
-
 class Run:
     """A world with its learners and the folder that the run leaves.
 
@@ -375,7 +339,7 @@ class Run:
         try:
             self.become(parts)
         except Exception as error:
-            raise EcologyError(f"{damaged} ({_faults.told(error)}). {checkpoint.advice(where)}") from error
+            raise EcologyError(f"{damaged} ({faults.describe(error)}). {checkpoint.advice(where)}") from error
         self._saved = self.now
 
     def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
@@ -461,7 +425,7 @@ class Run:
                 self.stopped_by = f"{who}: {error}"
                 raise EcologyError(f"{who}: {error} The run up to there is kept in {self.folder}.") from error
             except BaseException as error:
-                self.stopped_by = _faults.told(error)
+                self.stopped_by = faults.describe(error)
                 raise
         return self.summary()
 
@@ -471,13 +435,13 @@ class Run:
         try:
             yield
         except Exception as error:
-            if _faults.of(error) is None:
+            if faults.user_fault(error) is None:
                 raise
             then = kept * (
                 f"The run up to there is kept in {self.folder}; once this is mended, go on from tick {self._saved} "
                 f"with: ecology run --resume {self.folder}"
             )
-            raise _faults.named(f"after {self.now} ticks", error, then) from error
+            raise faults.wrap(f"after {self.now} ticks", error, then) from error
 
     def _keep(self, observers: Sequence[Observer]) -> None:
         """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
@@ -538,41 +502,6 @@ class Run:
         write_json(self.folder / SUMMARY, self.summary())
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write `value` as JSON in the place of the file at `path`; what is not finite becomes null."""
-    replace_text(path, json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
-
-
-def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
-    """Raise EcologyError where `folder` holds an evaluation that was made with other `words`, keys of its report."""
-    path, mine = folder / EVALUATION, json.loads(json.dumps(_finite(words)))
-    then = f"give --again to replace it, or move {EVALUATION} and {FIGURES}/ away to keep it."
-    try:
-        with readable("the evaluation", path):
-            text = path.read_text(encoding="utf-8")
-        told = json.loads(text)
-        differ = [
-            f"{key} {told.get(key)!r} instead of {value!r}" for key, value in mine.items() if told.get(key) != value
-        ]
-    except FileNotFoundError:
-        return
-    except EcologyError:
-        raise
-    except (ValueError, AttributeError) as error:
-        raise EcologyError(f"the evaluation {str(path)!r} is damaged ({error}); {then}") from error
-    if differ:
-        raise EcologyError(
-            f"the folder {str(folder)!r} holds an evaluation that was made with {', '.join(differ)}; {then}"
-        )
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write `text` in the place of the file at `path`, which is there whole at any time."""
-    beside = path.with_name(path.name + ".new")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)
-
-
 @contextlib.contextmanager
 def _room(what: str) -> Iterator[None]:
     """Turn a failure to allocate into an EcologyError that says that `what` was too large."""
@@ -589,54 +518,6 @@ def _room(what: str) -> Iterator[None]:
         raise EcologyError(f"{what} is too large for the memory of this machine ({told}); make it smaller.") from error
 
 
-@contextlib.contextmanager
-def held(folder: Path, patience: float = 0.0) -> Iterator[None]:
-    """Keep other processes out of `folder`; EcologyError where one is still in it after `patience` seconds."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield
-        return
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # not there: whoever opens it next says so
-        yield
-        return
-    try:
-        until = time.monotonic() + patience
-        while True:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError as error:
-                if time.monotonic() >= until:
-                    raise EcologyError(
-                        f"another process is writing to the folder {str(folder)!r}; let it end, or stop it."
-                    ) from error
-                time.sleep(0.1)
-            except OSError:  # a file system without locks
-                break
-        yield
-    finally:
-        os.close(handle)
-
-
-def busy(folder: Path) -> bool:
-    """Return whether another process may be in `folder`: False where none is for certain."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return True
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        return False
-    except OSError:  # it is held, or the file system has no locks
-        return True
-    finally:
-        os.close(handle)
-
-
 def _big(choice: Choice) -> str:
     """Return the whole numbers that a learner was given beyond its defaults, as "(memory 9000)"."""
     usual = agents.settings(choice.name)
@@ -648,22 +529,12 @@ def _big(choice: Choice) -> str:
     return f"({', '.join(big)})" if big else ""
 
 
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_finite(each) for each in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def learner_seed(seed: int, species: int) -> np.random.SeedSequence:
     """Return the seed of the learners of the species numbered `species` in a run seeded `seed`."""
     return np.random.SeedSequence(seed, spawn_key=(LEARNER_STREAM, species))
 
 
-def opened(folder: Path, ticks: int | None = None, device: str | None = None) -> Run:
+def open_run(folder: Path, ticks: int | None = None, device: str | None = None) -> Run:
     """Return the run that `folder` holds, its learners and its world as built, not yet restored.
 
     Its learners compute on the run's device, or on another: a checkpoint holds the same whatever wrote it.

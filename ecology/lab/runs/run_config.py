@@ -22,8 +22,8 @@ import tomli_w
 import ecology
 from ecology import EcologyError, Scenario, agents, scenarios
 from ecology.errors import nearest
+from ecology.lab.runs.folder import CONFIG
 
-CONFIG = "config.toml"
 CHECKPOINT_EVERY = 10_000  # ticks
 RECORD_EVERY = 10  # ticks
 PACKAGE = "ecology-sandbox"  # the name under which the project is installed
@@ -53,9 +53,12 @@ class Plan:
     checkpoint_every: int = CHECKPOINT_EVERY  # ticks
     keep_every: int = 0  # ticks between two checkpoints that are kept for good; 0 keeps none
     forked: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # of which run, when, and what was changed
+    world: Scenario | None = dataclasses.field(default=None, compare=False, repr=False)  # as loaded, not in the config
 
     def load(self) -> Scenario:
-        """Return the scenario of the run."""
+        """Return the scenario of the run, loaded once."""
+        if self.world is not None:
+            return self.world
         changes = dict(self.settings)
         if "ticks" in scenarios.settings(self.scenario):
             changes["ticks"] = self.ticks
@@ -192,7 +195,8 @@ def resolve(
             raise EcologyError(f"{key} must be a whole number of at least {low}, got {getattr(plan, key)!r}.")
     if plan.record_detail not in ("auto", "full", "lean"):
         raise EcologyError(f"record_detail is auto, full or lean, got {plan.record_detail!r}.")
-    return plan
+    as_run = world.settings.get("ticks", ticks) == ticks
+    return dataclasses.replace(plan, world=world if as_run else plan.load())
 
 
 def _placed(name: str) -> str:
@@ -263,7 +267,10 @@ def words_of(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     plain = value is None or isinstance(value, (str, bool, int, float))
-    return value if plain else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+    if plain:
+        return value
+    # a scenario file's module, by the name that it had when the first checkpoints were written
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value)).replace("ecology.scenarios._loaded_", "scenarios._loaded_")
 
 
 def versions() -> dict[str, str]:

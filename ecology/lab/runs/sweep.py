@@ -1,6 +1,6 @@
 """A sweep: one scenario lived under many settings, learners and seeds, and what they come to together.
 
-Every run is a folder and a process of its own, started as `python -m ecology.lab.runs.sweep FOLDER` with a
+Every run is a folder and a process of its own, started as `python -P -m ecology.lab.cli.worker FOLDER` with a
 pipe for its standard input: where the pipe closes, because the sweep stops or has died, the run stops
 after the present tick and can be gone on with.
 """
@@ -11,38 +11,33 @@ import contextlib
 import hashlib
 import itertools
 import json
-import logging
-import math
 import os
-import platform
 import re
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from ecology.lab.runs.run_config import CONFIG, Plan, read_config, resolve
-from ecology.lab.runs.run import SUMMARY, StoppedError, held, opened, replace_text, write_json
-from ecology.lab.values import as_key, read_value, split_values
 
-from ecology import EcologyError
-from ecology.errors import nearest, readable, writable
+from ecology.errors import EcologyError, nearest, readable, writable
+from ecology.lab.runs.folder import CONFIG, SUMMARY, replace_text
+from ecology.lab.runs.run_config import Plan, resolve
+from ecology.lab.runs.stopping import StoppedError
+from ecology.lab.values import as_key, read_value, split_values
 
 TABLE, FIGURE, RUNS = "sweep.parquet", "sweep.png", "runs"  # what the folder of a sweep holds
 LEARNED, LEARNED_OWN = "learned_drive", "learned_own_drive"  # keys of the summary of a run that was measured after it
+WORKER = "ecology.lab.cli.worker"  # module of the process of a run
 RETRIES = 3  # times that a run is begun or gone on with again after its process died
 PATIENCE = 60.0  # seconds for which a run waits for the last process in its folder to end
-KNOCK = 10.0  # seconds for which a Ray cluster may take to accept a connection
-AHEAD = 16  # runs that wait at a Ray cluster beyond what it holds now: an autoscaler adds nodes for them
 CONFIDENCE = 0.95
 BY_SPECIES, OWN_BY_SPECIES = "species_drive.", "species_own_drive."  # of the columns of the table
 LONGEST = 100  # characters of a run's name
@@ -154,10 +149,10 @@ def finished(cell: Cell) -> dict[str, Any] | None:
 
 def lived(cell: Cell) -> dict[str, Any] | None:
     """Return the summary of a run that has come to its end, measured or not; else None."""
-    return _lived_to(cell.folder, cell.plan.ticks)
+    return summary_at(cell.folder, cell.plan.ticks)
 
 
-def _lived_to(folder: Path, ticks: int) -> dict[str, Any] | None:
+def summary_at(folder: Path, ticks: int) -> dict[str, Any] | None:
     """Return the summary of a run that has lived its `ticks`, None of one that has not."""
     try:
         told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
@@ -330,17 +325,24 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
 
 def by_process(cell: Cell, stop: threading.Event) -> tuple[int, str]:
     """Live a run in a process of one thread; return its exit code and its last line of error."""
-    return in_process(["ecology.lab.runs.sweep", *(["--evaluate"] if cell.evaluate else []), str(cell.folder)], stop)
+    return in_own_process(cell.folder, cell.evaluate, stop)
+
+
+def in_own_process(folder: Path, evaluate: bool, stop: threading.Event) -> tuple[int, str]:
+    """Live the run in `folder` in a process of one thread, and measure it if it is to be evaluated."""
+    return in_process([WORKER, *(["--evaluate"] if evaluate else []), str(folder)], stop)
 
 
 def in_process(words: Sequence[str], stop: threading.Event) -> tuple[int, str]:
-    """Run `python -m WORDS` with one thread; return its exit code and its last line of error.
+    """Run `python -P -m WORDS` with one thread; return its exit code and its last line of error.
+
+    With -P no module in the present folder takes the place of one that is installed.
 
     The pipe to its standard input closes once `stop` is set: see `stop_with_parent`.
     """
     with tempfile.TemporaryFile() as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", *words],
+            [sys.executable, "-P", "-m", *words],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=errors,
@@ -360,147 +362,6 @@ def in_process(words: Sequence[str], stop: threading.Event) -> tuple[int, str]:
     return process.returncode, said[own:] if said[own:].startswith("ecology: ") else said.rpartition("\n")[2]
 
 
-def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
-    """Return the same on a Ray cluster ("local" starts one on this machine), and how many runs to have under way now.
-
-    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
-    nodes that join later are used.
-    """
-    try:
-        import ray
-    except ImportError as error:
-        raise EcologyError(
-            "--ray needs the package ray, which is not installed; run in the project's folder: pip install -e '.[ray]'"
-        ) from error
-    if address not in ("local", "auto"):  # ray itself would wait for somebody to answer for many minutes
-        _knock(address)
-    said: list[str] = []
-    try:
-        with contextlib.nullcontext() if address == "local" else _errors_of_ray(said):
-            ray.init(None if address == "local" else address, log_to_driver=False, logging_level="error")
-    except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        told = str(error).strip().partition("\n")[0]
-        if isinstance(error, getattr(ray.exceptions, "AuthenticationError", ())) or any(
-            "AuthToken" in line for line in said
-        ):
-            raise EcologyError(_token_wanted(address)) from error
-        if address == "auto":
-            advice = "start a cluster with `ray start --head`, or give local or HOST:PORT"
-        else:
-            advice = f"check that Ray {ray.__version__} runs there, with Python {platform.python_version()} as here"
-        raise EcologyError(f"--ray {address!r}: Ray cannot join a cluster ({told}); {advice}.") from error
-    needs = {"CPU": 1.0, "GPU": gpus, "memory": memory * 2**30}
-    task = ray.remote(num_cpus=1, num_gpus=gpus, memory=int(needs["memory"]), max_retries=0)(_in_worker)
-
-    def attempt(cell: Cell, stop: threading.Event) -> tuple[int, str]:
-        under_way = task.remote(cell)
-        while not ray.wait([under_way], timeout=0.2)[0]:
-            if stop.is_set():
-                ray.cancel(under_way)
-        try:
-            return ray.get(under_way)
-        except ray.exceptions.RayError as error:
-            return -1, str(error).strip().partition("\n")[0]
-
-    def capacity() -> int:
-        nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
-        return sum(min(int(node.get(key, 0.0) / need + 1e-9) for key, need in needs.items() if need) for node in nodes)
-
-    if not capacity():
-        wanted = f"1 CPU, {gpus:g} GPUs and {memory:g} GiB of memory for a run"
-        if address == "local":
-            has = ray.cluster_resources()
-            raise EcologyError(
-                f"this machine does not have {wanted}: it has {has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs "
-                f"and {has.get('memory', 0) / 2**30:.1f} GiB; ask for less."
-            )
-        logging.getLogger("ecology").warning(
-            "no node of the cluster has %s; the sweep waits until one joins. Ctrl-C stops it.", wanted
-        )
-    known = [0]
-
-    def count() -> int:
-        with contextlib.suppress(OSError, RuntimeError, ray.exceptions.RayError):  # of a cluster that is lost runs tell
-            known[0] = capacity()
-        return known[0] + AHEAD
-
-    return attempt, count
-
-
-def gpus_per_run(ray: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
-    """Return the GPUs that a run takes of a Ray cluster; EcologyError where the options contradict each other."""
-    for option, value in (("--gpus-per-run", gpus), ("--memory-per-run", memory)):
-        if ray is None and value is not None:
-            raise EcologyError(f"{option} requires --ray; give --ray local to share out this machine, or drop it.")
-        if value is not None and not math.isfinite(value):
-            raise EcologyError(f"{option} is a finite number, got {value!r}.")
-    on_gpu = device is not None and device.startswith("cuda")
-    if ray is not None and on_gpu and device != "cuda":
-        raise EcologyError(f"Ray chooses the GPU of every run: give --device cuda with --ray, not {device}.")
-    if on_gpu and gpus == 0:
-        raise EcologyError("--device cuda needs a GPU, or a part of one: give --gpus-per-run above 0, or drop it.")
-    if gpus is not None and gpus > 1 and gpus != int(gpus):
-        raise EcologyError(f"--gpus-per-run is a part of one GPU or a whole number of them, got {gpus!r}.")
-    return float(on_gpu) if gpus is None else gpus
-
-
-def _knock(address: str) -> None:
-    """Raise EcologyError where `address` is none of a Ray cluster, or where nothing answers at it."""
-    match = re.fullmatch(r"(?:ray://)?(?:\[([0-9a-fA-F:.]+)\]|([^\s:/\[\]]+)):(\d{1,5})", address)
-    if match is None or not 0 < int(match[3]) < 2**16:
-        raise EcologyError(
-            f"--ray takes local, auto, HOST:PORT or ray://HOST:PORT with a port from 1 to 65535, got {address!r}."
-        )
-    try:
-        socket.create_connection((match[1] or match[2], int(match[3])), timeout=KNOCK).close()
-    except (OSError, UnicodeError) as error:
-        told = getattr(error, "strerror", None) or str(error)
-        raise EcologyError(
-            f"--ray {address!r}: nothing answers there ({told}); give the HOST:PORT that `ray start --head` printed, "
-            "whose port is 6379 by default."
-        ) from error
-
-
-def _token_wanted(address: str) -> str:
-    """Return the message for a Ray cluster that refuses those without its token."""
-    given = [name for name in ("RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH") if os.environ.get(name)]
-    if os.environ.get("RAY_AUTH_MODE", "").lower() != "token":
-        missing = "RAY_AUTH_MODE is not set to token"
-    elif given:
-        missing = f"it refuses the one in {given[0]}"
-    else:
-        missing = "RAY_AUTH_TOKEN is not set"
-    return (
-        f"--ray {address!r}: the Ray cluster wants a token, and {missing}. Set RAY_AUTH_MODE=token and "
-        "RAY_AUTH_TOKEN=TOKEN, with the token that the cluster was started with, and type the command again."
-    )
-
-
-@contextlib.contextmanager
-def _errors_of_ray(lines: list[str]) -> Iterator[None]:
-    """Keep from the screen what is written to file descriptor 2, and append it to `lines`.
-
-    Ray's compiled part writes there that a token is missing; its exception says only that it could not connect.
-    """
-    sys.stderr.flush()
-    with tempfile.TemporaryFile() as kept, contextlib.ExitStack() as at_end:
-        usual = os.dup(2)
-        at_end.callback(os.close, usual)
-        os.dup2(kept.fileno(), 2)
-        try:
-            yield
-        finally:
-            sys.stderr.flush()
-            os.dup2(usual, 2)
-            kept.seek(0)
-            lines += kept.read().decode(errors="replace").splitlines()
-
-
-def _in_worker(cell: Cell) -> tuple[int, str]:
-    """Live a run on a machine of the cluster; a cancelled task stops it as Ctrl-C would."""
-    return by_process(cell, threading.Event())
-
-
 def stop_with_parent() -> None:
     """Send SIGTERM to this process as soon as its standard input closes."""
 
@@ -510,45 +371,6 @@ def stop_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=listen, daemon=True).start()
-
-
-def _process() -> None:
-    """Be the process of one run: live what is left of it, measure it; stop when standard input closes."""
-    from ecology.lab import cli
-
-    stop_with_parent()
-    folder = Path(sys.argv[-1])
-    with contextlib.suppress(EcologyError), held(folder, patience=PATIENCE):
-        pass  # the last process in the folder has ended
-    evaluate = "--evaluate" in sys.argv
-    if not evaluate or _lived_to(folder, resolve(config=read_config(folder / CONFIG)).ticks) is None:
-        try:
-            cli.main(["run", "--resume", str(folder), "--quiet"])
-        except SystemExit as left:
-            if left.code or not evaluate:
-                raise
-    try:
-        measure(folder)
-    except EcologyError as error:
-        print(f"ecology: {error}", file=sys.stderr)
-        sys.exit(USER_ERROR)
-
-
-def measure(folder: Path) -> None:
-    """Add to the summary of a run what the learner of its first species has learned."""
-    from ecology.agents import evaluation  # slow to load
-    from ecology.lab import cli
-
-    run = opened(folder, device="cpu")
-    run.restore()
-    learner = next(iter(run.learners.values()))
-    seed = run.plan.seed + cli.EVALUATION_SEED
-    life = evaluation.fresh_life(run.scenario, learner, cli.EVALUATED, seed)
-    told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    for key, own in ((LEARNED, False), (LEARNED_OWN, True)):
-        drives = evaluation.drive_series(life, cli.SKIPPED, own=own)
-        told[key] = float(drives.mean()) if len(drives) else None
-    write_json(folder / SUMMARY, told)
 
 
 # ---- what it came to ---------------------------------------------------------------------------
@@ -760,7 +582,3 @@ def _panel(ax: Any, found: Sequence[Point], axes: Sequence[str], words: Sequence
     ax.set_xlabel(first.removeprefix("set."))
     if others:
         ax.legend(fontsize=8, frameon=False)
-
-
-if __name__ == "__main__":
-    _process()

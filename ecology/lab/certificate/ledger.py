@@ -1,0 +1,69 @@
+"""What is done of the certificate, kept so that it is not done again."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import ecology
+from ecology.errors import EcologyError
+from ecology.lab.certificate.case import Case, Part, Row
+from ecology.lab.runs.folder import replace_text
+
+PARTS = "parts"  # folder of the parts that are done
+
+
+class Ledger:
+    """The parts that are done, one JSON file each in the folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / PARTS
+
+    def read(self, case: Case, part: Part) -> Any | None:
+        """Return what a part came to, None where it is not done or was made from other words."""
+        try:
+            told = json.loads(self._path(case, part).read_text(encoding="utf-8"))
+            return told["value"] if told["words"] == self._words(part) else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def do(self, case: Case, part: Part) -> Any:
+        """Do a part and keep what it came to."""
+        start = time.monotonic()
+        value = part.compute()
+        told = {"words": self._words(part), "seconds": round(time.monotonic() - start, 1), "value": value}
+        path = self._path(case, part)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_text(path, json.dumps(told, indent=1) + "\n")
+        except OSError as error:
+            raise EcologyError(f"the folder {str(self.folder)!r} cannot be written: {error.strerror}.") from error
+        return value
+
+    def _path(self, case: Case, part: Part) -> Path:
+        return self.folder / case.name / f"{part.key}.json"
+
+    def _words(self, part: Part) -> Any:
+        return json.loads(json.dumps({"version": ecology.__version__, **part.words}))
+
+
+def left(case: Case, ledger: Ledger) -> list[Part]:
+    """Return the parts of a case that are not done."""
+    return [part for part in case.parts() if ledger.read(case, part) is None]
+
+
+def rows(case: Case, ledger: Ledger) -> list[Row]:
+    """Return the rows of a case, as far as its parts are done."""
+    return case.rows(_values(case, ledger))
+
+
+def _values(case: Case, ledger: Ledger) -> dict[str, Any]:
+    found = {part.key: ledger.read(case, part) for part in case.parts()}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def table(case: Case, ledger: Ledger) -> str | None:
+    """Return the table of a case besides its rows, as far as its parts are done; None: it has none."""
+    return None if case.table is None else case.table(_values(case, ledger))

@@ -1,0 +1,71 @@
+"""The certificate as a table, on the screen and in files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ecology.lab.certificate.case import Row
+from ecology.lab.runs.folder import replace_text
+
+TABLE, PARQUET = "certificate.md", "certificate.parquet"
+HEAD = ("case", "what", "theirs", "closed form", "ours (95 % interval)", "SD", "n", "verdict")
+
+
+def cells(case: str, row: Row) -> tuple[str, ...]:
+    """Return a row of the certificate as words, in the order of HEAD."""
+    theirs = "-"
+    if row.theirs is not None:
+        mean, spread, count = row.theirs
+        theirs = _format(mean) + (f" (SD {_format(spread)}, n {count})" if spread is not None else "")
+    interval = row.interval()
+    between = "" if interval is None else f" ({_format(interval[0])} to {_format(interval[1])})"
+    return (
+        case,
+        row.what,
+        theirs,
+        "-" if row.closed is None else _format(row.closed),
+        _format(row.mean()) + between,
+        "-" if row.spread() is None else _format(row.spread() or 0.0),
+        str(len(row.ours)),
+        row.says(),
+    )
+
+
+def _format(value: float) -> str:
+    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def markdown(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
+    """Return a table of Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
+
+
+def certificate(table: Mapping[str, Sequence[Row]]) -> str:
+    """Return the certificate as a table of Markdown."""
+    return markdown(HEAD, [cells(name, row) for name, found in table.items() for row in found])
+
+
+def write(folder: Path, table: Mapping[str, Sequence[Row]], tables: Mapping[str, str]) -> list[Path]:
+    """Write the certificate into the folder, as Markdown and as parquet (a row per row), and `tables` by name.
+
+    Returns the paths.
+    """
+    import pyarrow as pa  # slow to load
+    from pyarrow import parquet
+
+    flat = []
+    for name, found in table.items():
+        for row in found:
+            mean, spread, count = row.theirs or (None, None, None)
+            low, high = row.interval() or (None, None)
+            own = {"mean": row.mean(), "sd": row.spread(), "low": low, "high": high, "n": len(row.ours)}
+            theirs = {"theirs_mean": mean, "theirs_sd": spread, "theirs_n": count, "closed_form": row.closed}
+            flat.append({"case": name, "what": row.what, **theirs, **own, "verdict": row.says()})
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_text(folder / TABLE, certificate(table))
+    parquet.write_table(pa.Table.from_pylist(flat), folder / PARQUET)
+    for name, text in tables.items():
+        replace_text(folder / f"{name}.md", text)
+    return [folder / name for name in (TABLE, PARQUET, *(f"{name}.md" for name in tables))]

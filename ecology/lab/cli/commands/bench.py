@@ -1,0 +1,79 @@
+"""`ecology bench`: how fast the world is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from ecology.errors import EcologyError, check_writable
+from ecology.lab.cli.options import Quiet, announces_compiling
+
+ORDER = 8
+
+
+@announces_compiling
+def command(
+    agents_: Annotated[
+        str, typer.Option("--agents", metavar="N,...", help="Numbers of agents.")
+    ] = "1,10,100,1000,10000",
+    learner: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Who learns, NAME-dicts through the dicts; `none`: nobody.",
+            show_default="lean and algorithm1",
+        ),
+    ] = None,
+    against: Annotated[
+        str, typer.Option(metavar="WORLD,...", help="waterworld, waterworld_few, mpe2, magent2, vmas.")
+    ] = "",
+    python: Annotated[
+        list[str] | None, typer.Option(metavar="WORLD=PATH", help="The Python that has another world.")
+    ] = None,
+    rounds: Annotated[int, typer.Option(min=1, help="How often each is timed.")] = 7,
+    seconds: Annotated[float, typer.Option(min=0.0, help="For how long each time.")] = 0.5,
+    core: Annotated[int | None, typer.Option(min=0, help="All run on this one.", show_default="the last")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the table and the figure.")] = Path("runs") / "bench",
+    quiet: Quiet = False,
+) -> None:
+    """Measure agent-steps per second against the number of agents, beside other worlds; write a table and a figure."""
+
+    from ecology.lab.bench import speed as bench
+
+    try:
+        counts = sorted({int(word) for word in agents_.split(",")})
+    except ValueError:
+        counts = []
+    if not counts or counts[0] < 1:
+        raise EcologyError(f"--agents takes whole numbers of at least 1, as 1,10,100, got {agents_!r}.")
+    pythons = dict(word.partition("=")[::2] for word in python or ())
+    others = [word.strip() for word in against.split(",") if word.strip()]
+    for name in pythons:
+        if name not in others:
+            raise EcologyError(f"--python {name} is of a world that is not compared with; name it in --against too.")
+    learners = [name for name in (learner or bench.LEARNERS) if name != "none"]
+    if (out / bench.TABLE).exists():
+        raise EcologyError(f"the folder {str(out)!r} holds a benchmark; give another with --out.")
+    check_writable(out)  # what cannot be kept is told before the long part
+    console = Console(stderr=True, quiet=quiet)
+    with bench.pinned(core) as pinned, console.status("") as status:
+        wanted = bench.points(counts, learners, {name: pythons.get(name, sys.executable) for name in others})
+        rows, used = bench.measure(wanted, rounds=rounds, seconds=seconds, tell=status.update)
+    written = bench.write(out, rows, used)
+    if not quiet:
+        table = Table("", "agents", "agent-steps per second", "quartiles")
+        for speed in bench.speeds(rows):
+            table.add_row(
+                speed.name, f"{speed.agents:,}", f"{speed.median:,.0f}", f"{speed.low:,.0f} to {speed.high:,.0f}"
+            )
+        Console().print(table)
+        taken = sorted(row["calibration_seconds"] * 1e3 for row in rows)
+        where = "not pinned" if pinned is None else f"core {pinned}"
+        print(f"{where}; the loop that is always the same took {taken[0]:.1f} to {taken[-1]:.1f} ms between them")
+        print(", ".join(bench.called(name, version) for name, version in used.items()))
+        print(f"written: {', '.join(map(str, written))}")

@@ -1,0 +1,37 @@
+"""`ecology check`: hold a scenario to the contract."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from ecology import faults
+from ecology.lab.cli.options import announces_compiling
+
+ORDER = 3
+CHECKED = 200  # ticks of a life
+
+
+@announces_compiling
+def command(
+    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
+    ticks: Annotated[int, typer.Option(min=1, help="Length of every life that is looked at.")] = CHECKED,
+) -> None:
+    """Hold a scenario to the contract that every scenario keeps; exit code 1 where it is broken."""
+    from ecology import contract, scenarios
+
+    broken = 0
+    for holds, error in contract.check(scenarios.load(scenario), ticks):
+        fault = None if error is None else faults.user_fault(error)
+        if fault is not None:
+            raise fault from error
+        print(f"{'FAIL' if error else 'pass'}  {holds}", flush=True)
+        if error:
+            broken += 1
+            print(f"      {contract.reason(error)}")
+    if broken:
+        print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
+        raise typer.Exit(1)
+    print(f"{scenario} keeps the contract, over {ticks} ticks and {len(contract.CHECKS)} points.")

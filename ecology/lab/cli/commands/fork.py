@@ -1,0 +1,77 @@
+"""`ecology fork`: another future of a run."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ecology.errors import EcologyError
+from ecology.lab.cli.options import Quiet, announces_compiling, read_pairs, read_setting
+
+ORDER = 6
+
+
+@announces_compiling
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    at: Annotated[int, typer.Option(min=0, metavar="TICK", help="From which it is another future.")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting that is changed; one of the start changes nothing."),
+    ] = None,
+    remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Who is no longer there.")] = None,
+    move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="What lies elsewhere.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="To which it lives.", show_default="as the run")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the fork.", show_default="RUN-at-TICK")] = None,
+    record: Annotated[bool | None, typer.Option("--record/--no-record", help="Write metrics and recording.")] = None,
+    keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="As of `run`.")] = None,
+    device: Annotated[
+        str | None,
+        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="as the run"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Go on with the world of a run from a tick on, with one thing changed, in a folder of its own."""
+
+    from ecology.lab.cli.live import live, make_observers
+    from ecology.lab.cli.progress import Progress
+    from ecology.lab.runs import fork as forks
+    from ecology.lab.runs.folder import lock
+    from ecology.lab.runs.run import open_run
+
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(lock(run))
+        it = open_run(run, device=device)
+        forked = forks.fork(
+            it,
+            at,
+            out or run.absolute().with_name(f"{run.absolute().name}-at-{at}"),
+            changes=read_pairs("--set", set_, read_setting),
+            remove=remove or (),
+            move=read_pairs("--move", move, _read_place),
+            ticks=ticks,
+            device=device,
+            record=record,
+            keep_every=keep_every,
+            observers=[] if quiet else [Progress(it.tally, at)],
+        )
+        observers = make_observers(forked, resume=False)
+        forked.start()
+        stack.enter_context(lock(forked.folder))
+        live(forked, observers, quiet=quiet)
+
+
+def _read_place(text: str) -> tuple[str, tuple[float, float]]:
+    """Return resource and place of "RESOURCE=x,y"."""
+    name, _, place = text.partition("=")
+    try:
+        x, y = map(float, place.split(","))
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError
+    except ValueError as error:
+        raise EcologyError(f"--move takes RESOURCE=x,y, got {text!r}.") from error
+    return name.strip(), (x, y)

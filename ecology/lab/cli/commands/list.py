@@ -1,0 +1,30 @@
+"""`ecology list`: what there is to run."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ORDER = 1
+
+
+def command() -> None:
+    """Show the scenarios and the learners, one line each."""
+    from ecology import agents, scenarios
+
+    learners = {name: line for name, (_, _, _, line) in agents.LEARNERS.items()}
+    worlds = {name: _first_line(scenarios.HERE / f"{name}.py") for name in scenarios.names()}
+    width = max(map(len, [*worlds, *learners]))
+    for title, lines in (("scenarios", worlds), ("learners", learners)):
+        print(title)
+        for name, line in lines.items():
+            print(f"  {name:<{width}}  {line}")
+
+
+def _first_line(path: Path) -> str:
+    """Return the first line of the docstring of a file, without running it."""
+    try:
+        node = ast.parse(path.read_text(encoding="utf-8"))
+    except (OSError, SyntaxError) as error:
+        return f"(cannot be read: {error})"
+    return (ast.get_docstring(node) or "").partition("\n")[0]

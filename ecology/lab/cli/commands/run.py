@@ -1,0 +1,132 @@
+"""`ecology run`: run a scenario."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ecology.errors import EcologyError, nearest
+from ecology.lab.cli.options import (
+    RECORD,
+    Port,
+    Quiet,
+    announces_compiling,
+    check_port,
+    read_pairs,
+    read_setting,
+    refuse_with,
+)
+
+if TYPE_CHECKING:
+    from ecology.lab.runs.run import Run
+
+ORDER = 4
+
+
+@announces_compiling
+def command(
+    scenario: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.", show_default="the scenario's")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of everything random.", show_default="0")] = None,
+    learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME", help="Who learns.")] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting: KEY, learner.KEY or SPECIES.learner.KEY."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/SCENARIO-SEED")] = None,
+    config: Annotated[Path | None, typer.Option(help="A config.toml to repeat.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Folder of a run to go on with.")] = None,
+    previous: Annotated[
+        bool, typer.Option("--previous", help="With --resume: go on from the checkpoint before the last.")
+    ] = False,
+    view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer and watch.")] = False,
+    serve: Annotated[bool, typer.Option("--serve", help="Let viewers attach while it runs.")] = False,
+    port: Port = None,
+    connect: Annotated[str | None, typer.Option(metavar="URL", help="Stream to a viewer that is open.")] = None,
+    focus: Annotated[
+        list[str] | None,
+        typer.Option(metavar="WHO", help="Whom to watch closely: an agent (prey_17), a species, or hungriest."),
+    ] = None,
+    record: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE", help="How metrics and recording are written: every=TICKS, detail=full or lean."
+        ),
+    ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor a recording.")] = False,
+    keep_every: Annotated[
+        int | None,
+        typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks for good.", show_default="none"),
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="cpu")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a scenario and leave one folder: config, summary, metrics, recording, checkpoint."""
+    if resume is not None:
+        refuse_with("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
+        refuse_with("--resume", record=record, no_record=no_record or None, keep_every=keep_every)
+    elif previous:
+        raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
+    check_port(port, serve=serve)
+    from ecology.lab.cli.live import live, make_observers
+    from ecology.lab.runs.folder import lock
+    from ecology.lab.runs.run import open_run
+
+    with contextlib.ExitStack() as stack:
+        if resume is not None:
+            stack.enter_context(lock(resume))
+            it = open_run(resume, ticks, device)
+            it.resume(previous=previous)
+        else:
+            it = _new_run(
+                scenario,
+                out,
+                config,
+                changes=read_pairs("--set", set_, read_setting),
+                learners=learner or (),
+                ticks=ticks,
+                seed=seed,
+                device=device,
+                keep_every=keep_every,
+                **_recording_options(record or (), no_record=no_record),
+            )
+        observers = make_observers(
+            it, resume=resume is not None, view=view, serve=serve, port=port, connect=connect, focus=focus or ()
+        )
+        if resume is None:
+            it.start()
+            stack.enter_context(lock(it.folder))
+        live(it, observers, quiet=quiet)
+
+
+def _new_run(scenario: str | None, out: Path | None, config: Path | None, **options: Any) -> Run:
+    """Return a run as `resolve` takes it, not yet begun; EcologyError where its folder is taken."""
+    from ecology.lab.runs.run import Run
+    from ecology.lab.runs.run_config import read_config, resolve
+
+    words = None if config is None else read_config(config)
+    if words and "forked" in words:
+        raise EcologyError(f"the config {str(config)!r} is of a fork; repeat that with `ecology fork`.")
+    plan = resolve(scenario, config=words, **options)
+    run = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
+    run.check_folder()
+    return run
+
+
+def _recording_options(words: Sequence[str], *, no_record: bool) -> dict[str, Any]:
+    """Return what the plan says of recording, from the words of --record and --no-record."""
+    found: dict[str, Any] = {"record": True} if words else {"record": False} if no_record else {}
+    parts = [part for word in words if word != RECORD for part in word.split(",")]
+    for key, value in read_pairs("--record", parts, read_setting).items():
+        if key not in ("every", "detail"):
+            raise EcologyError(f"--record has no setting {key!r}. {nearest(key, ('every', 'detail'))}")
+        if type(value) is not (int if key == "every" else str):
+            raise EcologyError(f"--record takes every=TICKS and detail=full or lean, got {key}={value}.")
+        found[f"record_{key}"] = value
+    return found

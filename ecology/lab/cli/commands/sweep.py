@@ -1,0 +1,174 @@
+"""`ecology sweep`: many runs of a scenario."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from ecology.errors import writable
+from ecology.lab.cli.options import Quiet, announces_compiling, count_cpus, format_number, read_pairs
+from ecology.lab.runs.stopping import StoppedError
+
+if TYPE_CHECKING:
+    from ecology.lab.runs.sweep import Attempt, Cell, Outcome
+
+ORDER = 7
+
+
+@announces_compiling
+def command(
+    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
+    seeds: Annotated[str, typer.Option(metavar="FIRST:END", help="Or 1,4,9:12; END is not among them.")] = "0:8",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE,...", help="Values of a setting: KEY, learner.KEY, ..."),
+    ] = None,
+    learner: Annotated[list[str] | None, typer.Option(metavar="[SPECIES=]NAME,...", help="Who learns.")] = None,
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of a run.", show_default="the scenario's")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the sweep.", show_default="runs/sweep-SCENARIO")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time.", show_default="one a CPU")] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."
+        ),
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Where learners compute.", show_default="cpu")
+    ] = None,
+    gpus: Annotated[
+        float | None,
+        typer.Option("--gpus-per-run", min=0.0, help="GPUs of a run on Ray.", show_default="1 with --device cuda"),
+    ] = None,
+    memory: Annotated[
+        float | None, typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory of a run on Ray.")
+    ] = None,
+    record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
+    evaluate: Annotated[
+        bool, typer.Option("--evaluate", help="Measure what each has learned, as `ecology evaluate` does.")
+    ] = False,
+    show: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN", help="Column of sweep.parquet to print and draw.", show_default="the drive"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a scenario under many seeds and settings; write one table and one figure. Typed again, it goes on."""
+    from ecology.lab.runs import cluster
+    from ecology.lab.runs import sweep as sweeps
+
+    settings: dict[str, list[Any]] = read_pairs("--set", set_, sweeps.values_of, several=True)
+    out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
+    cells = sweeps.cells_of(
+        scenario, out, seeds=sweeps.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
+        ticks=ticks, record=record, device=device,
+    )  # fmt: skip
+    gpus = cluster.gpus_per_run(ray, device, gpus, memory)
+    _check(cells, out, show or (), elsewhere=ray is not None)
+    outcomes = [sweeps.Outcome(cell, sweeps.finished(cell)) for cell in cells]
+    waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
+    outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
+    attempt: sweeps.Attempt = sweeps.by_process
+    count: Callable[[], int] = count_cpus
+    if ray is not None and waiting:
+        attempt, count = cluster.by_ray(ray, gpus=gpus, memory=memory or 0.0)
+    with writable(out):
+        out.mkdir(parents=True, exist_ok=True)
+    _live(
+        cells, waiting, outcomes, attempt, count if workers is None else lambda: workers,
+        out=out, title=Path(scenario).stem, show=show or (), quiet=quiet,
+    )  # fmt: skip
+    failed = [outcome for outcome in outcomes if outcome.summary is None]
+    for outcome in failed:
+        print(f"ecology: the run {outcome.cell.folder} failed: {outcome.failed}", file=sys.stderr)
+    if failed:
+        raise typer.Exit(max(outcome.code for outcome in failed))
+
+
+def _check(cells: Sequence[Cell], out: Path, show: Sequence[str], *, elsewhere: bool) -> None:
+    """Raise EcologyError where the sweep cannot start: what no run can start with is reported once."""
+    from ecology.lab.runs import sweep as sweeps
+    from ecology.lab.runs.run import Run
+
+    for cell in cells:
+        sweeps.check(cell)
+    sweeps.check_folder(out, cells)
+
+    def built(cell: Cell) -> Run:
+        plan = dataclasses.replace(cell.plan, device="cpu") if elsewhere else cell.plan  # the device is elsewhere
+        return Run(plan, cell.folder)
+
+    first = built(cells[0])
+    sweeps.check_shown(show, cells, lambda cell: (first if cell is cells[0] else built(cell)).summary())
+
+
+def _live(
+    cells: Sequence[Cell],
+    waiting: Sequence[Cell],
+    outcomes: list[Outcome],
+    attempt: Attempt,
+    workers: Callable[[], int],
+    *,
+    out: Path,
+    title: str,
+    show: Sequence[str],
+    quiet: bool,
+) -> None:
+    """Live the cells that are waiting, add what became of them to `outcomes`, and sum up all cells."""
+    from ecology.lab.cli.progress import runs_bar
+    from ecology.lab.runs import sweep as sweeps
+    from ecology.lab.runs.folder import lock
+
+    console = Console(stderr=True, quiet=quiet)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(lock(out))
+        advance = stack.enter_context(runs_bar(console, len(cells), len(outcomes)))
+
+        def tell(outcome: Outcome, running: int) -> None:
+            outcomes.append(outcome)
+            said = outcome.failed
+            if outcome.summary is not None:
+                told = sweeps.rows_of([outcome])[0]
+                columns = sweeps.columns_of([outcome], show)
+                said = ", ".join(f"{sweeps.label(column)} {format_number(told.get(column))}" for column in columns)
+            console.print(f"{outcome.cell.name}: {said}", highlight=False)
+            advance(f"{running} under way")
+
+        try:
+            sweeps.live(waiting, attempt, workers, tell)
+        except StoppedError as stopped:
+            if not quiet:
+                print(f"stopped by {stopped}; go on with the same command")
+            raise
+        finally:
+            done = [outcome for outcome in outcomes if outcome.summary is not None]
+            left = [sweeps.Outcome(cell, sweeps.lived(cell)) for cell in cells if sweeps.finished(cell) is None]
+            unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows
+            columns = sweeps.columns_of(done, show)
+            with writable(out):
+                written = sweeps.sum_up(out, [*done, *unmeasured], title, columns)
+            if not quiet:
+                _say_sweep({sweeps.label(column): sweeps.points(done, column) for column in columns})
+                print(
+                    f"{len(done)} of {len(cells)} runs are whole. Written: {', '.join(map(str, written)) or 'nothing'}"
+                )
+
+
+def _say_sweep(found: Mapping[str, Sequence[Any]]) -> None:
+    """Print the means of a sweep, a table for every name in `found`."""
+    for name, points in found.items():
+        if points:
+            table = Table(*(axis.removeprefix("set.") for axis in points[0].varied), "runs", name, "95 % interval")
+            for point in points:
+                interval = f"{point.low:.3f} to {point.high:.3f}" if point.runs > 1 else "-"
+                words = map(str, (*point.varied.values(), point.runs))
+                table.add_row(*words, format_number(point.mean), interval)
+            Console().print(table)

@@ -1,0 +1,78 @@
+"""`ecology view`: look at a recording."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import tempfile
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ecology.errors import EcologyError
+from ecology.lab.cli.options import Port, announces_compiling, check_port
+
+ORDER = 11
+
+
+@announces_compiling
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
+    focus: Annotated[
+        str | None, typer.Option(metavar="WHO", help="An agent (prey_17) whose life is drawn, or a species.")
+    ] = None,
+    serve: Annotated[
+        bool, typer.Option("--serve", help="Show it in a browser, where a click brings an agent into focus.")
+    ] = False,
+    port: Port = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no screen.")
+    ] = None,
+    tick: Annotated[int | None, typer.Option(min=0, help="Of the picture.", show_default="the last")] = None,
+) -> None:
+    """Open the recording of a run in the Rerun viewer, or save what it shows (the README's pictures)."""
+    if tick is not None and screenshot is None:
+        raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
+    check_port(port, serve=serve)
+    if serve and screenshot is not None:
+        raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
+    from ecology.lab.cli.live import web_port
+    from ecology.lab.runs.folder import CONFIG, RECORDING
+    from ecology.lab.runs.run_config import read_config, resolve
+    from ecology.observers import viewer  # only here is a viewer looked for
+
+    with contextlib.ExitStack() as stack:
+        if focus is not None or serve:
+            from ecology.observers.hindsight import Hindsight  # slow to load
+
+            if not (run / CONFIG).is_file():
+                raise EcologyError(
+                    f"--focus and --serve need the world of a run: there is no {CONFIG} in {str(run)!r}; give "
+                    "the folder of the run."
+                )
+            world = resolve(config=read_config(run / CONFIG)).load()
+            past = Hindsight(stack.enter_context(viewer.complete(run)), world, run.absolute().name)
+            run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
+        if serve:
+            from ecology.observers.page import Page
+
+            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=web_port(port))
+            stack.callback(page.close)
+            print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                _wait()
+        elif screenshot is not None:
+            from ecology.observers import screenshot as pictures  # slow to load
+
+            pictures.screenshot(run, screenshot, tick=tick)
+            print(f"written: {screenshot}")
+        else:
+            viewer.view(run)
+
+
+def _wait() -> None:
+    """Wait for Ctrl-C, or to be ended."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    threading.Event().wait()

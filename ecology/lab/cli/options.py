@@ -1,0 +1,107 @@
+"""Options and values that several commands share."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import re
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import typer
+
+from ecology.errors import EcologyError
+from ecology.lab.values import read_value
+
+RECORD = "on"  # what a bare --record stands for
+
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
+Port = Annotated[
+    int | None,
+    typer.Option(min=1, max=65535, help="Port of the page for --serve.", show_default="9090, or one that is free"),
+]
+
+
+def announces_compiling(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command report that it waits for loops to be compiled, unless it is quiet."""
+
+    @functools.wraps(command)
+    def announced(*args: Any, **options: Any) -> None:
+        from ecology.lab import compiling  # loads Numba, which takes a moment
+
+        with compiling.announced(quiet=options.get("quiet", False)):
+            command(*args, **options)
+
+    return announced
+
+
+def spell_out(words: list[str]) -> list[str]:
+    """Return the words of `run` with a bare --record, which takes KEY=VALUE, written out.
+
+    EcologyError where one is empty, as a shell makes of a variable that is not set: a path of nothing is here.
+    """
+    for before, word in zip(["ecology", *words], words, strict=False):
+        if not word or re.fullmatch(r"--[\w-]+=", word):
+            option = word.removesuffix("=") or before
+            raise EcologyError(
+                f"no word is empty, got '' after {option}; write what is meant, or leave it out with its option."
+            )
+    if words[:1] != ["run"]:
+        return words
+    after = [*words[1:], ""]
+    bare = [word == "--record" and "=" not in next_ for word, next_ in zip(words, after, strict=True)]
+    return [part for word, alone in zip(words, bare, strict=True) for part in ([word, RECORD] if alone else [word])]
+
+
+def check_port(port: int | None, *, serve: bool) -> None:
+    """Raise EcologyError where a port is given that nothing serves."""
+    if port is not None and not serve:
+        raise EcologyError("--port requires --serve.")
+
+
+def refuse_with(option: str, **given: Any) -> None:
+    """Raise EcologyError where an option is given that does not go with `option`."""
+    for name, value in given.items():
+        if value is not None and value != []:
+            word = name if name.isupper() else f"--{name.replace('_', '-')}"
+            raise EcologyError(f"{option} goes on with a run as it was told; leave out {word}, or start a run anew.")
+
+
+def read_setting(text: str) -> tuple[str, Any]:
+    """Return key and value of "key=value"."""
+    key, sign, value = text.partition("=")
+    if not sign or not key.strip():
+        raise EcologyError(f"--set takes KEY=VALUE, got {text!r}.")
+    return key.strip(), read_value(value)
+
+
+def read_pairs(
+    option: str, words: Sequence[str] | None, read: Callable[[str], tuple[str, Any]], *, several: bool = False
+) -> dict[str, Any]:
+    """Return what `read` makes of the words of an option, by key; EcologyError where a key is there twice.
+
+    Where `option` takes `several` values of a key, the error writes them in one.
+    """
+    found: dict[str, Any] = {}
+    told: dict[str, str] = {}
+    for word in words or ():
+        key, value = read(word)
+        typed = word.partition("=")[2].strip()
+        if key in found:
+            instead = f"{key}={told[key]},{typed}" if several else f"{key}={typed}"
+            raise EcologyError(
+                f"{option} takes {key!r} once, got {told[key]!r} and {typed!r}; write {option} {instead} alone."
+            )
+        found[key], told[key] = value, typed
+    return found
+
+
+def format_number(value: float | None) -> str:
+    """Return a number with three digits after the point, "-" where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.3f}"
+
+
+def count_cpus() -> int:
+    """Return how many CPUs this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,1 @@
+"""Runs: their config, their folder, forks and sweeps."""

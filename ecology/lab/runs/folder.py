@@ -1,0 +1,115 @@
+"""The folder of a run: what it holds, how files are written to it, and its lock."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ecology.errors import EcologyError, readable
+
+CONFIG = "config.toml"
+SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
+EVALUATION, FIGURES = "evaluation.json", "figures"
+KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
+WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write `value` as JSON in the place of the file at `path`; what is not finite becomes null."""
+    replace_text(path, json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
+
+
+def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
+    """Raise EcologyError where `folder` holds an evaluation that was made with other `words`, keys of its report."""
+    path, mine = folder / EVALUATION, json.loads(json.dumps(_finite(words)))
+    then = f"give --again to replace it, or move {EVALUATION} and {FIGURES}/ away to keep it."
+    try:
+        with readable("the evaluation", path):
+            text = path.read_text(encoding="utf-8")
+        told = json.loads(text)
+        differ = [
+            f"{key} {told.get(key)!r} instead of {value!r}" for key, value in mine.items() if told.get(key) != value
+        ]
+    except FileNotFoundError:
+        return
+    except EcologyError:
+        raise
+    except (ValueError, AttributeError) as error:
+        raise EcologyError(f"the evaluation {str(path)!r} is damaged ({error}); {then}") from error
+    if differ:
+        raise EcologyError(
+            f"the folder {str(folder)!r} holds an evaluation that was made with {', '.join(differ)}; {then}"
+        )
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write `text` in the place of the file at `path`, which is there whole at any time."""
+    beside = path.with_name(path.name + ".new")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)
+
+
+@contextlib.contextmanager
+def lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
+    """Keep other processes out of `folder`; EcologyError where one is still in it after `patience` seconds."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # not there: whoever opens it next says so
+        yield
+        return
+    try:
+        until = time.monotonic() + patience
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError as error:
+                if time.monotonic() >= until:
+                    raise EcologyError(
+                        f"another process is writing to the folder {str(folder)!r}; let it end, or stop it."
+                    ) from error
+                time.sleep(0.1)
+            except OSError:  # a file system without locks
+                break
+        yield
+    finally:
+        os.close(handle)
+
+
+def is_locked(folder: Path) -> bool:
+    """Return whether another process may be in `folder`: False where none is for certain."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return True
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        return False
+    except OSError:  # it is held, or the file system has no locks
+        return True
+    finally:
+        os.close(handle)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_finite(each) for each in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
