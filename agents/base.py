@@ -113,6 +113,12 @@ class Learner(ABC):
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:  # noqa: B027
         """Begin a new life in `slots` (k,); `parents` (k,) are rows of this species, -1: came from outside."""
 
+    def interrupted(self, slots: np.ndarray) -> None:  # noqa: B027
+        """Take note that the agents in `slots` (k,) were moved or changed between two ticks, by nobody's action.
+
+        What comes next does not follow from what they did, so nothing about their actions is to be learned from it.
+        """
+
     def begin(self) -> None:  # noqa: B027
         """Forget what was under way: the next observation does not follow from the last."""
 

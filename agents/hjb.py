@@ -359,6 +359,10 @@ class HJB(Learner):
         self.movement[slots] = -1
         self._forget(slots)
 
+    def interrupted(self, slots: np.ndarray) -> None:
+        """Drop the movements under way in `slots` (k,): where they would have led is not known."""
+        self.died(slots)
+
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:
         """Begin a new life in `slots` (k,), from nothing or from what `parents` (k,) know; all in place."""
         self._forget(slots)

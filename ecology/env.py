@@ -158,6 +158,7 @@ class Ecology(ParallelEnv):
         self._state: State | None = None
         self._picture: Any = None  # of `render`, drawn upon again and again
         self._pairs: neighbours.Pairs | None = None
+        self._reweighed: dict[str, float] = {}  # species -> factor of what it feels of others, 1 where not named
         self._seed: int | None = None
 
     def _nearness(self) -> float:
@@ -217,6 +218,7 @@ class Ecology(ParallelEnv):
                 f"seed must be a whole number of at least 0, got {seed!r}.",
             )
         self._seed = _next_seed(self._seed) if seed is None else int(seed)
+        self._reweighed = {}
         streams = np.random.SeedSequence(self._seed).spawn(len(CONCERNS))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
         n, table = self.size, self._resources
@@ -658,7 +660,9 @@ class Ecology(ParallelEnv):
         state, pairs, seen = self._now(), self._pairs, None
         if coupling.empathy.sight and pairs is not None:
             seen = senses.sight(self._eyes, pairs, state.position, state.heading, self._looks)
-        return empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
+        weight = empathy.matrix(coupling, state, self._plane, pairs, seen, self._ring)
+        factor = self._reweighed.get(self.scenario.species[self._species_of[coupling.rows.start]].name, 1.0)
+        return weight if factor == 1.0 else weight * factor
 
     def _look(
         self,
@@ -761,6 +765,58 @@ class Ecology(ParallelEnv):
         self._feel()
         return self._look(np.zeros(self.size))
 
+    def settle(self, species: str, place: tuple[float, float], heading: float = 0.0) -> tuple[Tick, int]:
+        """Let one more agent live between ticks, at `place`; return a Tick of what is perceived now, and its slot.
+
+        It has the needs of a newborn and no parent. Where there are no births, a dead agent returns under its name.
+        Raises EcologyError where every slot of the species is taken or the place lies outside the arena.
+        """
+        state = self._now()
+        if species not in self.groups:
+            raise EcologyError(f"there is no species {species!r}. {nearest(species, self.groups)}")
+        rows = self.groups[species].slots
+        free = rows.start + np.flatnonzero(~state.alive[rows])
+        require(
+            free.size > 0,
+            f"all {self.groups[species].size} slots of {species!r} are taken; remove an agent, or raise the capacity "
+            "of the species in the scenario.",
+        )
+        require(
+            bool(changes.inside(self.scenario, np.array([place], float))[0]),
+            f"the place {place!r} lies outside the arena.",
+        )
+        new, serial, following = free[:1], state.serial[free[:1]].copy(), state.next_serial
+        for name in ("lost", "internal", "hold"):
+            setattr(state, name, getattr(state, name).copy())  # what was handed out stays as it was
+        self._settle(new, self._plane.home(np.array([place], float)), np.array([heading]))
+        if not any(s.grows for s in self.scenario.species):
+            state.serial[new], state.next_serial = serial, following
+        self._physics = Physics(self.scenario.arena, self._radius, self._solid, state.position, state.alive)
+        self._feel()
+        return self._look(np.zeros(self.size)), int(new[0])
+
+    def reweigh(self, species: str, factor: float) -> Tick:
+        """Multiply what `species` feels of others by `factor` from now on, 0 for nothing; return what is perceived now.
+
+        The weights of the average form are shares, which a common factor leaves as they are: there it is 0 or 1.
+        Raises EcologyError where the species has no empathy.
+        """
+        coupling = next((c for c in self._couplings if species in self.groups and c.rows == self.groups[species].slots),
+                        None)  # fmt: skip
+        if coupling is None:
+            able = [s.name for s in self.scenario.species if s.empathy is not None]
+            raise EcologyError(
+                f"the species {species!r} has no empathy; "
+                + (f"give one that has: {', '.join(able)}." if able else "no species of this scenario has.")
+            )
+        require(
+            bool(np.isfinite(factor)) and (coupling.empathy.form == "sum" or factor in (0.0, 1.0)),
+            f"what {species!r} feels, in the average form of empathy, can be switched off or on, not reweighed.",
+        )
+        self._reweighed = {**self._reweighed, species: float(factor)}
+        self._feel()
+        return self._look(np.zeros(self.size))
+
     # ---- leaving a world and coming back ---------------------------------------------------
 
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -773,7 +829,8 @@ class Ecology(ParallelEnv):
         plain = {f.name: getattr(state, f.name) for f in fields(state) if f.name not in arrays}
         arrays |= self._physics.memory()
         streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
-        return arrays, {"seed": self._seed, "state": plain, "rng": streams}
+        more = {"reweighed": dict(self._reweighed)} if self._reweighed else {}
+        return arrays, {"seed": self._seed, "state": plain, "rng": streams, **more}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> Tick:
         """Become the world that `snapshot` returned, and return what its agents perceive.
@@ -804,6 +861,7 @@ class Ecology(ParallelEnv):
             fresh._rng[name].bit_generator.state = stream
         fresh._physics.remember(arrays, self.dt)
         self._seed, self._rng, self._state = fresh._seed, fresh._rng, state
+        self._reweighed = dict(values.get("reweighed", {}))
         self._ring, self._physics = fresh._ring, fresh._physics
         self._named = None
         self._limit()

@@ -683,18 +683,20 @@ def test_a_decision_is_the_one_that_is_taken(name):
 def choice(**words):
     """Return a decision between a rest, a walk that is closed, and a meal."""
     numbers = np.arange(3.0)
-    usual = dict(options=("rest", "walk", "eat"), open=np.array([True, False, True]), next_drive=numbers,
-                 slope=numbers + 1, score=numbers + 3, taken=0, explored=False, learned=True, value=2.5, gamma=0.9,
-                 error=np.full(14, 0.5))  # fmt: skip
+    usual = {
+        "options": ("rest", "walk", "eat"), "open": np.array([True, False, True]), "next_drive": numbers,
+        "slope": numbers + 1, "score": numbers + 3, "taken": 0, "explored": False, "learned": True, "value": 2.5,
+        "gamma": 0.9, "error": np.full(14, 0.5),
+    }  # fmt: skip
     return Decision(**{**usual, **words})
 
 
 def test_a_decision_says_what_is_not_known():
-    """A decision that nothing was learned for, or that was looked at too late, is marked so; an open end has no length."""
+    """A decision without learning, or looked at too late, is marked so; one without an end of its own has no length."""
     from ecology.observers.drawing import decision_text
 
     def head(**words):
-        return decision_text(census.Choice(4_011, 4011.0, "agent_0", choice(**words)), 1.0).splitlines()[0]
+        return decision_text(census.Choice(4_011, 4011.0, "agent_0", choice(**words))).splitlines()[0]
 
     assert head(age=30) == "**agent_0**: **rest**, chosen at 3,981, tick 30"
     assert head(age=1, length=40, learned=False).endswith("chosen at 4,010, tick 1 of 40; **nothing learned yet**")

@@ -48,6 +48,14 @@ class Observer(Protocol):
         """Be shown the read-only state after a tick."""
         return
 
+    def intervened(self, state: State, said: str) -> None:
+        """Be told what was done to the world from outside, between two ticks, and shown the state after it."""
+        return
+
+    def held(self) -> None:
+        """Be told, now and then, that the run waits between two ticks."""
+        return
+
     def end(self) -> None:
         """Finish: flush and close what was written."""
         return

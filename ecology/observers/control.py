@@ -40,7 +40,7 @@ class Control:
 
         patient: whether the run waits for pages that are behind.
         """
-        self._lock = threading.Lock()
+        self._lock, self._woken = threading.Lock(), threading.Event()
         self._pace = checked_pace(pace)
         self._paused, self._patient = paused, patient
         self._steps = 0  # ticks granted to a run that is paused
@@ -71,6 +71,7 @@ class Control:
                 self._paused = True
                 self._steps += what == "step"
                 self._until_decision = what == "decision"
+        self._woken.set()
 
     def decided(self) -> None:
         """Stop a run that goes on to the next decision: the agent in focus has just made one."""
@@ -100,6 +101,11 @@ class Control:
             if self._lag(now) > self._allowed(now):
                 return 0.02
             return 0.0
+
+    def wait(self, seconds: float) -> None:
+        """Wait for so long, or until an order comes."""
+        if self._woken.wait(seconds):
+            self._woken.clear()
 
     @property
     def held(self) -> bool:

@@ -17,6 +17,7 @@ focus per species whose needs, drive, decision and deviation maps are drawn over
                             log10; of the focus: f's error, J, and the discounted drive met afterwards
     population/{count,flow,drive,stocks,measures}, population/ages/SPECIES, population/coupling/SPECIES
     events/SPECIES          TextLog: who was born, died, bit, gave, ate, slept
+    events/interventions    TextLog: what was done from outside
 
 Timelines: "tick", and "sim_time" (one unit of the model's time shown as one second). A slot is taken
 by one agent after another: `serial` says which, and a series breaks where another life begins.
@@ -43,6 +44,7 @@ from ecology.spec import Species
 
 LINES = {True: 20, False: 5}  # of the event log, per kind and sample, of few and of many; the rest is counted
 MARKS = 200  # per kind and sample, at most
+DEED = 0xFFD23FFF  # colour of an intervention in the event log
 NUMBERS = ("next_drive", "slope", "total", "score", "open")  # of a decision, in the recording
 COMPASS = 512  # directions in which a heading is drawn, and recorded for the viewer
 
@@ -194,7 +196,7 @@ class Drawing:
             told = [choice.decision for choice in choices]
             numbers = {key: np.concatenate([np.asarray(getattr(d, key)) for d in told]) for key in NUMBERS}
             each = [len(d.options) for d in told]
-            text = [decision_text(choice, self._scene.scenario.dt) for choice in choices]
+            text = [decision_text(choice) for choice in choices]
             self._rec.send_columns(
                 f"focus/{name}/decision",
                 _times(np.array([c.tick for c in choices]), np.array([c.time for c in choices])),
@@ -315,6 +317,14 @@ class Drawing:
 
     def _tell(self, samples: Sequence[Mapping[str, Any]]) -> None:
         """Write the event log: every event of a few agents, of many the most telling, and how many more."""
+        deeds = [deed for s in samples for deed in s["deeds"]]
+        if deeds:
+            ticks, nows, texts = zip(*deeds, strict=True)
+            self._rec.send_columns(
+                "events/interventions",
+                _times(np.array(ticks), np.array(nows)),
+                rr.TextLog.columns(text=texts, level=["intervention"] * len(deeds), color=[DEED] * len(deeds)),
+            )
         groups = list(self._scene.groups.values())
         for group in groups:
             rows: list[tuple[int, float, str, str]] = []
@@ -417,8 +427,8 @@ class Drawing:
         self._rec.send_blueprint(blueprint(self._scene))
 
 
-def decision_text(choice: Choice, dt: float) -> str:
-    """Return a decision in Markdown: what was taken and when, and a table, the least score first, closed options last."""
+def decision_text(choice: Choice) -> str:
+    """Return a decision in Markdown: what was taken and when, and a table with the least score first."""
     d = choice.decision
     taken, since = d.options[d.taken], choice.tick - d.age
     how_far = f"tick {d.age}" + ("" if d.length is None else f" of {max(d.length, d.age)}")

@@ -85,6 +85,10 @@ class Hindsight:
         name = self.who(click)
         return self.layer(name) if name is not None and self._scene.crowd else None
 
+    def named(self, word: str) -> bytes | None:
+        """Return the layer of an agent by name; EcologyError for one that the recording does not hold."""
+        return self.layer(word)
+
     def shown(self, word: str | None, target: Path) -> Path:
         """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
         with tempfile.TemporaryDirectory() as folder:

@@ -19,7 +19,9 @@ CONFIG = "config.toml"
 SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics.parquet", "recording.rrd"
 EVALUATION, FIGURES = "evaluation.json", "figures"
 KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
-WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+INTERVENTIONS = "interventions.jsonl"  # what was done to it from outside
+# what a run folder holds
+WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES, INTERVENTIONS)
 
 
 def write_json(path: Path, value: Any) -> None:
