@@ -260,6 +260,8 @@ class RerunObserver:
         state = self._env.state_view
         if state.tick > self._mapped_at and state.tick % self._every == 0:
             self._map(state)
+        if self._deeds:  # since the last sample
+            self._sample(state, self._tick)
         self._send()
         rec, self._rec = self._rec, None
         try:

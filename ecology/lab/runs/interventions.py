@@ -50,8 +50,11 @@ class Schedule:
         return None
 
     def add(self, tick: int, text: str) -> None:
-        """Let an intervention be the next to be done, at `tick`."""
-        self.entries.insert(self.done, Entry(tick, text))
+        """Let an intervention be done at `tick`, after those that are to be done by then."""
+        at = self.done
+        while at < len(self.entries) and self.entries[at].tick <= tick:
+            at += 1
+        self.entries.insert(at, Entry(tick, text))
 
     def drop(self) -> None:
         """Take back the next one that waits."""

@@ -481,7 +481,8 @@ class Run:
         """
         split(text)
         if self._living is None:
-            self.tick, said = self._do(text, self.tick)
+            self.tick = self._serve(self.tick)
+            self.tick, said = self._do(text)
             return said
         if self._living == threading.get_ident():
             self.schedule.add(self.now, text)
@@ -491,7 +492,7 @@ class Run:
         self.schedule.requests.put((text, answer))
         return answer.result()
 
-    def _do(self, text: str, tick: Tick) -> tuple[Tick, str]:
+    def _do(self, text: str) -> tuple[Tick, str]:
         """Do an intervention that is not in the schedule, and write it there; return what is perceived then."""
         self.schedule.add(self.now, text)
         try:
@@ -555,7 +556,7 @@ class Run:
         while not self.schedule.requests.empty():
             text, answer = self.schedule.requests.get()
             try:
-                tick, said = self._do(text, tick)
+                tick, said = self._do(text)
                 answer.set_result(said)
             except BaseException as error:
                 answer.set_exception(error)
@@ -565,7 +566,7 @@ class Run:
             self._look = time.monotonic() + LOOK
             if (text_ := self._mailbox.waiting()) is not None:
                 try:
-                    tick, said = self._do(text_, tick)
+                    tick, said = self._do(text_)
                     self._mailbox.answer(text_, f"tick {self.now}: {said}", done=True)
                 except EcologyError as error:
                     self._mailbox.answer(text_, str(error), done=False)
