@@ -19,7 +19,7 @@ import pytest
 
 from ecology import EcologyError, __version__, agents, errors, scenarios
 from ecology.lab.cli import live, main
-from ecology.lab.cli.commands import evaluate, view
+from ecology.lab.cli.commands import evaluate
 from ecology.lab.values import read_value
 from ecology.observers.wishes import Wishes
 
@@ -523,7 +523,8 @@ def test_serving_twice_takes_other_ports(monkeypatch: pytest.MonkeyPatch, tmp_pa
         port = taken.getsockname()[1]
         assert viewer.preferred_port(viewer.LOOPBACK, port) not in (0, port)
         monkeypatch.setattr(viewer, "WEB_PORT", port)
-        audience = live.Audience("rerun+http://127.0.0.1:1/proxy", Wishes(tmp_path), view=False, serve=True)
+        whom: Any = None
+        audience = live.Audience(whom, whom, Wishes(tmp_path), view=False, serve=True, port=None)
         assert audience.port not in (None, 0, port)
 
 
@@ -627,7 +628,7 @@ def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(page, "Page", Served)
     monkeypatch.setattr(viewer, "WEB_PORT", 0)
-    monkeypatch.setattr(view, "_wait", look)
+    monkeypatch.setattr(live, "wait", look)
     code, out, _ = ecology("view", "mine", "--serve")
     assert code == 0
     assert pages[0].url in out

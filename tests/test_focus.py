@@ -101,6 +101,9 @@ def test_a_page_shows_the_viewer(served, tmp_path):
         "sources": ["rerun+http://127.0.0.1:9876/proxy"],
         "agents": "/world/agents/",
         "dt": 0.5,
+        "name": "",
+        "live": False,
+        "usages": [],
     }
     policy = shown.headers["Content-Security-Policy"]
     assert "connect-src 'self' http://127.0.0.1:9876;" in policy

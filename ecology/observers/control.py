@@ -43,6 +43,7 @@ class Control:
         self._lock, self._woken = threading.Lock(), threading.Event()
         self._pace = checked_pace(pace)
         self._paused, self._patient = paused, patient
+        self._holding = False  # whether the run was last told to wait because it is paused
         self._steps = 0  # ticks granted to a run that is paused
         self._until_decision = False
         self._due = 0.0  # by the clock, when the next tick may begin
@@ -63,6 +64,7 @@ class Control:
         if what == "pace":
             pace = checked_pace(pace)
         with self._lock:
+            self._holding = False
             if what == "pace":
                 self._pace, self._due = pace, 0.0
             elif what == "go":
@@ -89,6 +91,7 @@ class Control:
         with self._lock:
             if self._paused and not self._until_decision:
                 if not self._steps:
+                    self._holding = True
                     self._note(now, tick)
                     return 0.05
                 self._steps -= 1
@@ -97,7 +100,7 @@ class Control:
                 if now < self._due:
                     return min(self._due - now, 0.05)
                 # a tick that took too long is not made up for
-                self._due = max(self._due, now - 1.0 / self._pace) + 1.0 / self._pace
+                self._due = (max(self._due, now - 1.0 / self._pace) if self._due else now) + 1.0 / self._pace
             if self._lag(now) > self._allowed(now):
                 return 0.02
             return 0.0
@@ -109,9 +112,9 @@ class Control:
 
     @property
     def held(self) -> bool:
-        """Return whether the run is paused and nothing is granted."""
+        """Return whether the run waits because it is paused, and has heard no order since."""
         with self._lock:
-            return self._paused and not self._steps and not self._until_decision
+            return self._holding
 
     def advanced(self, tick: int) -> None:
         """Note that the run is at `tick`."""
