@@ -38,7 +38,11 @@ class Mind(Protocol):
 
 
 class Observer(Protocol):
-    """Someone who watches a run; a class derived from it defines only the methods that it needs."""
+    """Someone who watches a run; a class derived from it defines only the methods that it needs.
+
+    A run calls three more methods of observers that have them: `flush()` before a checkpoint; `intervened(state, said)`
+    after an intervention, with the state after it and what was done; and `held()` now and then while it waits.
+    """
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Be shown the world before its first tick; `minds` by species."""
@@ -46,14 +50,6 @@ class Observer(Protocol):
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Be shown the read-only state after a tick."""
-        return
-
-    def intervened(self, state: State, said: str) -> None:
-        """Be told what was done to the world from outside, between two ticks, and shown the state after it."""
-        return
-
-    def held(self) -> None:
-        """Be told, now and then, that the run waits between two ticks."""
         return
 
     def end(self) -> None:

@@ -70,7 +70,11 @@ class Wishes:
 
             found.append((word, tell))
         if (asked := self.word()) is not None:
-            found.append((asked, lambda said, done, asked=asked: self.answer(asked, said, done=done)))
+
+            def reply(said: str, done: bool, asked: str = asked) -> None:
+                self.answer(asked, said, done=done)
+
+            found.append((asked, reply))
         return found
 
     def clicks(self) -> list[Click]:
