@@ -698,8 +698,10 @@ def test_a_decision_says_what_is_not_known():
     def head(**words):
         return decision_text(census.Choice(4_011, 4011.0, "agent_0", choice(**words))).splitlines()[0]
 
-    assert head(age=30) == "**agent_0**: **rest**, chosen at 3,981, tick 30"
-    assert head(age=1, length=40, learned=False).endswith("chosen at 4,010, tick 1 of 40; **nothing learned yet**")
+    assert head(age=30) == "**agent_0**: **rest**, chosen at 3,981, tick 30; -ln(γ) J = 2.500"
+    assert head(age=1, length=40, learned=False).endswith(
+        "chosen at 4,010, tick 1 of 40; **nothing learned yet**; -ln(γ) J = 2.500"
+    )
     assert "not in focus when it chose" in head(age=2, recalled=True, explored=None)
     assert "explored" not in head(age=2, recalled=True, explored=None)
 
@@ -796,9 +798,9 @@ def test_a_decision_is_recorded(tmp_path):
     texts = {tick: text[0] for tick, text in told(path, "/focus/agent/decision", "TextDocument:text").items()}
     assert sorted(texts)[:6] == [2, 4, 8, 9, 12, 16]  # every sample, and every tick at which it decided
     head, *table = texts[4].splitlines()
-    assert head == "**agent_0**: **eat**, chosen at 1, tick 3 of 7; **explored**"
+    assert head == "**agent_0**: **eat**, chosen at 1, tick 3 of 7; **explored**; -ln(γ) J = 2.500"
     assert [line.split(" | ")[0] for line in table[-3:]] == ["| rest", "| **▶ eat**", "| ~~walk~~ closed"]
-    assert texts[12].startswith("**agent_0**: **eat**, chosen at 8, tick 4 of 7\n")
+    assert texts[12].startswith("**agent_0**: **eat**, chosen at 8, tick 4 of 7; -ln(γ) J = 2.500\n")
     assert told(path, "/learning/agent/J")[8] == 2.5
     met = told(path, "/learning/agent/met")
     weight = 0.9 ** np.arange(1, 30)  # up to 5 %

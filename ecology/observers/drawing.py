@@ -191,6 +191,15 @@ class Drawing:
 
     def _draw_decisions(self, name: str, shown: Sequence[Mapping[str, Any]], column: Mapping[str, np.ndarray]) -> None:
         """Write what the agent in focus weighs, and how its f and its J fare."""
+        gone = [i for i, f in enumerate(shown) if f["slot"] < 0 and f["anew"]] if self._scene.decides[name] else []
+        if gone:
+            self._rec.send_columns(
+                f"focus/{name}/decision",
+                _times(column["tick"][gone], column["time"][gone]),
+                rr.TextDocument.columns(
+                    text=["nobody is in focus"] * len(gone), media_type=["text/markdown"] * len(gone)
+                ),
+            )
         choices = [choice for f in shown for choice in f.get("choices", ())]
         if choices:
             told = [choice.decision for choice in choices]
@@ -437,9 +446,9 @@ def decision_text(choice: Choice) -> str:
         marks.append("not in focus when it chose: scores by what it knows now")
     order = np.argsort(np.where(d.open, d.score, np.inf), kind="stable")
     rows = [
-        f"**{choice.name}**: **{taken}**, chosen at {since:,}, {how_far}" + "".join(f"; {mark}" for mark in marks),
-        "",
-        f"-ln(γ) J = {d.value:.3f}",
+        f"**{choice.name}**: **{taken}**, chosen at {since:,}, {how_far}"
+        + "".join(f"; {mark}" for mark in marks)
+        + f"; -ln(γ) J = {d.value:.3f}",
         "",
         "| option | next drive | dJ/dζ·f | sum | score |",
         "|---|---|---|---|---|",

@@ -194,7 +194,7 @@ def _life_views(scene: Scene, name: str) -> rrb.Container:
     shares = [3.0, 1.1, 1.6]
     learning = _learning_views(scene, name)
     if scene.decides[name]:
-        title = "decision in force: ▶ taken; scores at the time it was made"
+        title = "decision in force"
         text = rrb.TextDocumentView(origin=f"/{scene.at(name)}/decision", name=title)
         views.append(rrb.Horizontal(text, rrb.Tabs(*learning, active_tab=0)) if learning else text)
         shares.append(2.6)
