@@ -468,6 +468,7 @@ class HJB(Learner):
             explores |= some
         chosen = self.moves.explore(choice, drawn[:, 1])
         knows = np.flatnonzero(~explores)
+        compared: np.ndarray | None = None  # scores (k, M) by which those choose that do not explore
         self._hope()
         if knows.size:
             score = self._scores(slots[knows], observations[knows], open_[knows])
@@ -475,12 +476,14 @@ class HJB(Learner):
                 bad = int(slots[knows[np.flatnonzero(~(score > -np.inf).all(axis=1))[0]]])
                 raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
             chosen[knows] = score.argmin(axis=1)
+            compared = np.full(open_.shape, np.nan, np.float32)
+            compared[knows] = score
         if self.learning and self.settings.persistence > 1 and not self.hopes:
             walks = self._persist(slots, chosen, explores, open_)
             chosen, explores = walks, explores | (walks != chosen)
         self.explores[slots] = explores
         if self._followed:
-            self._keep(slots, observations, masks, chosen)
+            self._keep(slots, observations, masks, chosen, compared)
         self.movement[slots] = chosen
         self.stage[slots] = 0
         self.left[slots] = self.moves.ticks[chosen, 0]
@@ -719,16 +722,26 @@ class HJB(Learner):
         for slot in np.atleast_1d(slots).tolist():
             self._kept.pop(slot, None)
 
-    def _keep(self, slots: np.ndarray, observations: np.ndarray, masks: np.ndarray, chosen: np.ndarray) -> None:
-        """Keep the decisions of those of `slots` (k,) that are followed.
+    def _keep(
+        self,
+        slots: np.ndarray,
+        observations: np.ndarray,
+        masks: np.ndarray,
+        chosen: np.ndarray,
+        compared: np.ndarray | None,
+    ) -> None:
+        """Keep the decisions of those of `slots` (k,) that are followed, with the scores (k, M) that they `compared`.
 
         Where the world leaves one option, and it is the one under way, nothing is decided: the agent sleeps on.
         """
         for row, slot in enumerate(slots.tolist()):
             if slot not in self._followed:
                 continue
+            weighed = self.weigh(slot, observations[row], masks[row])
+            known = np.full(self.count, np.nan) if compared is None else compared[row]
             decision = dataclasses.replace(
-                self.weigh(slot, observations[row], masks[row]),
+                weighed,
+                score=np.where(weighed.open & np.isfinite(known), known, weighed.score),
                 taken=int(chosen[row]),
                 explored=bool(self.explores[slot]),
                 length=self._length(int(chosen[row])),

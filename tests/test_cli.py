@@ -663,7 +663,7 @@ def test_focus_turns_a_run_that_is_alive(ecology: Command) -> None:
 
 
 def test_a_run_that_is_alive_can_be_changed(ecology: Command) -> None:
-    """`ecology do` is answered by a run that lives, recorded or not; what does not fit, or comes too late, is refused."""
+    """`ecology do` is answered by a run that lives, recorded or not; else it is refused."""
     words = ["run", "predator_prey", "--ticks", "1000000", "--learner", "random", "--out", "mine", "--no-record"]
     run = subprocess.Popen([sys.executable, "-m", "ecology.lab.cli", *words, "--quiet"])
     try:
