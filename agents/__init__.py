@@ -21,8 +21,6 @@ from ecology.errors import EcologyError, nearest
 if TYPE_CHECKING:
     from ecology.env import Ecology, Group, Tick
 
-faults.HOUSE.add(str(Path(__file__).parent))
-
 # name -> module, class, the mapping in the module that holds its settings where they are not the
 # defaults, and a line for `ecology list`; loaded when asked for
 LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
@@ -50,6 +48,10 @@ LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
     "qvalue": ("ecology.agents.baselines", "QValue", None, "the least mean drive seen after an action"),
 }
 
+HERE = Path(__file__).parent
+faults.HOUSE.add(str(HERE))
+faults.SHIPPED.update(str(HERE / f"{module.rpartition('.')[2]}.py") for module, *_ in LEARNERS.values())
+
 
 def learner_class(name: str) -> type[Learner]:
     """Return the class of the learner `name`, or of one in a file: "path.py", or "path.py:Class" where it has several.
@@ -57,10 +59,8 @@ def learner_class(name: str) -> type[Learner]:
     Loading a file runs its code: load only files that you trust.
     """
     if name in LEARNERS:
-        module_name, cls, _, _ = LEARNERS[name]
-        module = importlib.import_module(module_name)
-        faults.SHIPPED.add(str(module.__file__))
-        return getattr(module, cls)
+        module, cls, _, _ = LEARNERS[name]
+        return getattr(importlib.import_module(module), cls)
     own = re.fullmatch(r"(.+\.py)(?::(\w+))?", name)
     if not own:
         raise EcologyError(
@@ -140,7 +140,7 @@ def load(folder: str | Path, *, frozen: bool = False, epsilon: float = 0.05, dev
     scenario file runs the code of that file.
     """
     runs = importlib.import_module("ecology.lab.runs.run")  # the floor above, which knows run folders
-    run = runs.opened(Path(folder), device=device)
+    run = runs.open_run(Path(folder), device=device)
     run.restore()
     if frozen:
         for learner in run.learners.values():

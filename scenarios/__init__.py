@@ -104,7 +104,7 @@ def _run_file(path: Path, text: bytes) -> ModuleType:
         raise EcologyError(f"the scenario file {str(path)!r} cannot be loaded as Python.")
     loaded = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = loaded  # dataclasses look their module up
-    exec(spec.loader.source_to_code(text, str(path)), loaded.__dict__)
+    exec(spec.loader.source_to_code(text, os.path.abspath(path)), loaded.__dict__)
     return loaded
 
 

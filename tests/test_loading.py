@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from ecology import EcologyError, scenarios
+from ecology.lab.runs.run_config import words_of
 
 WORLD = """
 import pathlib
@@ -99,6 +100,13 @@ def test_a_pickled_scenario_opens_in_a_fresh_process(tmp_path: Path, name: str) 
     )
     done = subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.split() == [world.name, str(len(world.measures))], done.stderr
+
+
+def test_runs_of_older_versions_are_still_of_the_same_world(tmp_path: Path) -> None:
+    """The digest of a world names the module of a scenario file as it did when the package was called scenarios."""
+    text = "class Rule:\n    def __call__(self, world, rng):\n        return world.nothing()\n"
+    (tmp_path / "world.py").write_text(text + WORLD.replace('name="world",', 'name="world", rule=Rule(),'))
+    assert words_of(scenarios.load(str(tmp_path / "world.py")).rule) == "<scenarios._loaded_world.Rule object>"
 
 
 @pytest.mark.parametrize("name", ["agents", "scenarios"])
