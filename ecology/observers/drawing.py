@@ -203,7 +203,10 @@ class Drawing:
         choices = [choice for f in shown for choice in f.get("choices", ())]
         if choices:
             told = [choice.decision for choice in choices]
-            numbers = {key: np.concatenate([np.asarray(getattr(d, key)) for d in told]) for key in NUMBERS}
+            numbers = {
+                key: np.concatenate([np.asarray(getattr(d, key), bool if key == "open" else float) for d in told])
+                for key in NUMBERS
+            }
             each = [len(d.options) for d in told]
             text = [decision_text(choice) for choice in choices]
             self._rec.send_columns(
