@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ecology.decision import Decision
 from ecology.errors import EcologyError
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ class Learner(ABC):
     """
 
     devices = False  # whether `with_settings` takes a device to compute on; else it is the CPU
+    decides = False  # whether `decision` returns what an agent weighs
 
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         self.group = group
@@ -111,6 +113,12 @@ class Learner(ABC):
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:  # noqa: B027
         """Begin a new life in `slots` (k,); `parents` (k,) are rows of this species, -1: came from outside."""
 
+    def interrupted(self, slots: np.ndarray) -> None:  # noqa: B027
+        """Take note that the agents in `slots` (k,) were moved or changed between two ticks, by nobody's action.
+
+        What comes next does not follow from what they did, so nothing about their actions is to be learned from it.
+        """
+
     def begin(self) -> None:  # noqa: B027
         """Forget what was under way: the next observation does not follow from the last."""
 
@@ -126,12 +134,16 @@ class Learner(ABC):
         """Return -ln(gamma) J, drive units, (m,) at states (m, D), of the agent in `slot`, or None."""
         return None
 
-    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any] | None:
-        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open, or None.
+    def follow(self, slots: Collection[int]) -> None:  # noqa: B027
+        """Keep from now on what the agents in `slots`, rows of this species, weigh when they decide; forget the rest.
 
-        Per movement (M,): names, open, next_drive (predicted), slope (dJ/dzeta . f), sum of the two, and
-        score, the least of which it takes. Besides J (-ln(gamma) J at zeta, drive units), gamma, and
-        error (D,), that of f per component: 0 is perfect, 1 as bad as predicting no change, NaN unknown.
+        It must not change what an agent does or learns: observers call it.
+        """
+
+    def decision(self, slot: int) -> Decision | None:
+        """Return the decision that the agent in `slot` acts on, None where there is none.
+
+        It is as it was when it was made if the agent was followed then. A learner that returns one sets `decides`.
         """
         return None
 

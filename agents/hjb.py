@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,8 +26,9 @@ from ecology.agents import kernels
 from ecology.agents.base import DivergedError, Learner, Transition, drive_terms
 from ecology.agents.curiosity import Curiosity
 from ecology.agents.memory import Memory
-from ecology.agents.movements import Movements, adaptive, single_ticks
+from ecology.agents.movements import ARRIVES, Movements, adaptive, single_ticks
 from ecology.agents.networks import Perceptrons
+from ecology.decision import Decision
 
 DEPRIVED, SATED = -1.0, 0.4  # imagined deviations lie between these, times x*
 J_CENTRE, J_SPREAD, J_CEILING = 0.45, 0.55, 2.75  # of J's output, times the drive of total deprivation
@@ -177,6 +178,7 @@ class HJB(Learner):
     """
 
     devices = True
+    decides = True
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -280,6 +282,9 @@ class HJB(Learner):
         self.loss_f, self.loss_j = np.full(n, np.nan), np.full(n, np.nan)
         self.decisions = np.zeros(n, np.int64)
         self.tried = np.zeros((n, self.count), np.int64)
+        self.explores = np.full(n, -1, np.int8)  # whether the movement under way explores, -1 unknown: for observers
+        self._followed: frozenset[int] = frozenset()  # slots whose decisions are kept
+        self._kept: dict[int, tuple[Decision, int]] = {}  # by slot, with its clock at the decision
 
     def _senses(self) -> kernels.Senses:
         """Return what all agents share, for the kernels."""
@@ -352,9 +357,15 @@ class HJB(Learner):
     def died(self, slots: np.ndarray) -> None:
         """Drop the movements under way in `slots` (k,)."""
         self.movement[slots] = -1
+        self._forget(slots)
+
+    def interrupted(self, slots: np.ndarray) -> None:
+        """Drop the movements under way in `slots` (k,): where they would have led is not known."""
+        self.died(slots)
 
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:
         """Begin a new life in `slots` (k,), from nothing or from what `parents` (k,) know; all in place."""
+        self._forget(slots)
         for name, array in self._life().items():
             array[slots] = BLANK.get(name, 0)
         self.f.forget(slots)
@@ -384,6 +395,7 @@ class HJB(Learner):
     def begin(self) -> None:
         """Drop the movements under way: the next observation does not follow from the last."""
         self.movement[:] = -1
+        self._kept.clear()
 
     def evaluating(self, epsilon: float) -> None:
         """Stop learning and explore with `epsilon` from now on.
@@ -456,6 +468,7 @@ class HJB(Learner):
             explores |= some
         chosen = self.moves.explore(choice, drawn[:, 1])
         knows = np.flatnonzero(~explores)
+        compared: np.ndarray | None = None  # scores (k, M) by which those choose that do not explore
         self._hope()
         if knows.size:
             score = self._scores(slots[knows], observations[knows], open_[knows])
@@ -463,8 +476,14 @@ class HJB(Learner):
                 bad = int(slots[knows[np.flatnonzero(~(score > -np.inf).all(axis=1))[0]]])
                 raise DivergedError("f or J", self.group.slots.start + bad, ADVICE)
             chosen[knows] = score.argmin(axis=1)
+            compared = np.full(open_.shape, np.nan, np.float32)
+            compared[knows] = score
         if self.learning and self.settings.persistence > 1 and not self.hopes:
-            chosen = self._persist(slots, chosen, explores, open_)
+            walks = self._persist(slots, chosen, explores, open_)
+            chosen, explores = walks, explores | (walks != chosen)
+        self.explores[slots] = explores
+        if self._followed:
+            self._keep(slots, observations, masks, chosen, compared)
         self.movement[slots] = chosen
         self.stage[slots] = 0
         self.left[slots] = self.moves.ticks[chosen, 0]
@@ -647,6 +666,8 @@ class HJB(Learner):
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned; EcologyError where it does not fit this learner."""
+        self._kept.clear()
+        self.explores[:] = -1
         held, life = self._held(), self._life()
         for name, here in (held | life).items():
             shape = arrays[name].shape if name in arrays else None
@@ -691,12 +712,79 @@ class HJB(Learner):
         duration = raw[..., -1].clip(self.group.dt, kernels.LONGEST)
         return {"names": self.moves.names, "change": raw[..., :-1], "duration": duration}
 
-    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
-        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open.
+    def follow(self, slots: Collection[int]) -> None:
+        """Keep what the agents in `slots` weigh when they decide."""
+        self._followed = frozenset(int(slot) for slot in slots)
+        self._kept = {slot: kept for slot, kept in self._kept.items() if slot in self._followed}
 
-        See `Learner.decision`. Over a whole movement of duration tau, dJ/dzeta . f is the mean slope
-        (J(zeta') - J(zeta)) / tau; without `finite_difference`, the slope at zeta.
+    def _forget(self, slots: np.ndarray) -> None:
+        """Forget what those in `slots` (k,) last decided."""
+        for slot in np.atleast_1d(slots).tolist():
+            self._kept.pop(slot, None)
+
+    def _keep(
+        self,
+        slots: np.ndarray,
+        observations: np.ndarray,
+        masks: np.ndarray,
+        chosen: np.ndarray,
+        compared: np.ndarray | None,
+    ) -> None:
+        """Keep the decisions of those of `slots` (k,) that are followed, with the scores (k, M) that they `compared`.
+
+        Where the world leaves one option, and it is the one under way, nothing is decided: the agent sleeps on.
         """
+        for row, slot in enumerate(slots.tolist()):
+            if slot not in self._followed:
+                continue
+            weighed = self.weigh(slot, observations[row], masks[row])
+            known = np.full(self.count, np.nan) if compared is None else compared[row]
+            decision = dataclasses.replace(
+                weighed,
+                score=np.where(weighed.open & np.isfinite(known), known, weighed.score),
+                taken=int(chosen[row]),
+                explored=bool(self.explores[slot]),
+                length=self._length(int(chosen[row])),
+            )
+            if slot in self._kept and decision.open.sum() == 1 and self._kept[slot][0].taken == decision.taken:
+                continue
+            self._kept[slot] = decision, int(self.clock[slot])
+
+    def _length(self, movement: int) -> int | None:
+        """Return the ticks that a movement takes, None where the world ends it."""
+        lasts = int(self.moves.ticks[movement].sum())
+        return None if lasts >= ARRIVES else max(lasts, int(self.moves.length[movement]))
+
+    def decision(self, slot: int) -> Decision | None:
+        """Return the decision that the agent in `slot` acts on, None before its first one."""
+        if slot in self._kept:
+            kept, made = self._kept[slot]
+            return dataclasses.replace(kept, age=int(self.clock[slot]) - made + 1)
+        taken = int(self.movement[slot])
+        if taken < 0:
+            return None
+        decision = dataclasses.replace(
+            self._weigh(slot, self.began[slot], self.was_open[slot]),
+            taken=taken,
+            explored=None if self.explores[slot] < 0 else bool(self.explores[slot]),
+            age=int(self.elapsed[slot]),
+            length=self._length(taken),
+            recalled=True,
+        )
+        if slot in self._followed:
+            self._kept[slot] = decision, int(self.clock[slot]) - decision.age + 1
+        return decision
+
+    def weigh(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> Decision:
+        """Return what the agent in `slot` would decide at zeta (D,) with the actions of `mask` (A,) open.
+
+        Over a whole movement of duration tau, dJ/dzeta . f is the mean slope (J(zeta') - J(zeta)) / tau; without
+        `finite_difference`, the slope at zeta.
+        """
+        return self._weigh(slot, zeta, self.moves.open(mask[None])[0])
+
+    def _weigh(self, slot: int, zeta: np.ndarray, open_: np.ndarray) -> Decision:
+        """Return what the agent in `slot` would decide at zeta (D,) with the movements `open_` (M,)."""
         s, layout = self.settings, self.group.layout
         told = self.predict(slot, zeta[None])
         change, duration = told["change"][0], told["duration"][0]  # (M, D), (M,)
@@ -713,19 +801,22 @@ class HJB(Learner):
         else:
             slope = self.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
         at, every = np.ascontiguousarray(zeta[None], np.float32), np.ones((1, self.count), bool)
-        open_, here_slot = self.moves.open(mask[None]), np.array([slot])  # what is open competes for the beam alone
-        next_drive = self.drive(after)
-        return {
-            "names": self.moves.names,
-            "open": open_[0],
-            "next_drive": next_drive,
-            "slope": slope,
-            "sum": next_drive + slope,
-            "score": np.where(open_, self.scores(here_slot, at, open_), self.scores(here_slot, at, every))[0],
-            "J": here,
-            "gamma": s.gamma,
-            "error": self._error(slot),
-        }
+        open_, here_slot = open_[None], np.array([slot])  # what is open competes for the beam alone
+        score = np.where(open_, self.scores(here_slot, at, open_), self.scores(here_slot, at, every))[0]
+        inherited = s.inherit and self.tried[slot].sum() > self.decisions[slot]  # a heir has its parent's tries
+        return Decision(
+            options=self.moves.names,
+            open=open_[0],
+            next_drive=self.drive(after),
+            slope=slope,
+            score=score,
+            taken=int(np.where(open_[0], score, np.inf).argmin()),
+            explored=False,
+            learned=bool(np.isfinite(self.loss_j[slot]) or inherited),
+            value=here,
+            gamma=s.gamma,
+            error=self._error(slot),
+        )
 
     def _error(self, slot: int, last: int = 64) -> np.ndarray:
         """Return the error of f per component over the `last` decisions, relative to the changes met, (D,)."""

@@ -58,13 +58,18 @@ def advance(
     ticks: int,
     observers: Iterable[Observer] = (),
     clock: Callable[[], float] = float,
+    between: Callable[[Tick], Tick] | None = None,
 ) -> Tick:
-    """Run for `ticks` ticks as `run` does, but leave `begin` and `end` of the observers to the caller."""
+    """Run for `ticks` ticks as `run` does, but leave `begin` and `end` of the observers to the caller.
+
+    Before every tick `between` is given the last one and returns what is perceived by then: it may wait, and put
+    things elsewhere.
+    """
     observers = tuple(observers)
     groups = [(group, learners[group.name]) for group in env.groups.values()]
     actions = np.zeros(env.size, np.int64)
     for _ in range(ticks):
-        before = tick
+        before = tick if between is None else between(tick)
         for group, learner in groups:
             began = clock()
             chosen = learner.act(before.observations[group.name], before.masks[group.name])

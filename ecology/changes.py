@@ -83,10 +83,10 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
             _hold("internal", x, good, f"within the bounds of the need, {low[slot, need]:g} to {high[slot, need]:g}")
     if changed.keys() & {"position", "alive"}:
         place = changed.get("position", state.position)
-        _hold("position", place, _inside(scenario, place) | ~alive, "inside the arena")
+        _hold("position", place, inside(scenario, place) | ~alive, "inside the arena")
     if "resource_position" in changed:
         place = changed["resource_position"] = plane.home(changed["resource_position"])
-        _hold("resource_position", place, _inside(scenario, place), "inside the arena")
+        _hold("resource_position", place, inside(scenario, place), "inside the arena")
     if "stock" in changed:
         stock = changed["stock"]
         good = (stock >= 0) & (stock <= table.capacity * (1.0 + ROUNDING))
@@ -108,7 +108,7 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     _names(changed, state, scenario, alive)
 
 
-def _inside(scenario: Scenario, place: Floats) -> Bools:
+def inside(scenario: Scenario, place: Floats) -> Bools:
     """Return which of `place` (n, 2) a scenario would allow, (n,); all where the arena is a torus."""
     if not scenario.arena.walls:
         return np.ones(len(place), bool)

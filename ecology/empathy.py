@@ -5,7 +5,7 @@ Coupling matrices are dense, n slots of the one who feels by m slots of those wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -162,10 +162,11 @@ def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats
     return (1.0 - coupling.own) * mean
 
 
-def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints) -> None:
+def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints, factors: Mapping[str, float]) -> None:
     """Set the drive of every agent, its own and what it feels of others.
 
-    `order` (N,) of all slots serves the shuffled lesion. The dead feel what they felt last: to die is no relief.
+    `order` (N,) of all slots serves the shuffled lesion, `factors` multiply what a species feels.
+    The dead feel what they felt last: to die is no relief.
     """
     body, last = model.body, (state.drive, state.felt)
     delta = physiology.deviation(body, state.internal)
@@ -175,7 +176,7 @@ def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints) 
     state.own("felt", "drive")
     for coupling in model.couplings:
         rows = coupling.rows
-        felt = feel(coupling, weigh(model, state, coupling, pairs, order), state, body)
+        felt = feel(coupling, weigh(model, state, coupling, pairs, order, factors), state, body)
         state.felt[rows] = felt
         if coupling.empathy.form == "sum":
             state.drive[rows] = state.own_drive[rows] + felt[:, 0]
@@ -187,9 +188,13 @@ def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints) 
     state.felt = np.where(state.alive[:, None], state.felt, last[1])
 
 
-def weigh(model: Model, state: State, coupling: Coupling, pairs: Pairs | None, order: Ints) -> Floats:
+def weigh(
+    model: Model, state: State, coupling: Coupling, pairs: Pairs | None, order: Ints, factors: Mapping[str, float]
+) -> Floats:
     """Return whom the agents of one species feel now and how much, (n, m)."""
     seen = None
     if coupling.empathy.sight and pairs is not None:
         seen = model.eyes.sees_others(pairs, state.position, state.heading, model.looks)
-    return matrix(coupling, state, model.plane, pairs, seen, order)
+    weight = matrix(coupling, state, model.plane, pairs, seen, order)
+    factor = factors.get(model.scenario.species[model.species_of[coupling.rows.start]].name, 1.0)
+    return weight if factor == 1.0 else weight * factor

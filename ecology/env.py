@@ -126,6 +126,22 @@ class Ecology(ParallelEnv):
         """
         return self.world.put(**fields)
 
+    def settle(self, species: str, place: tuple[float, float], heading: float = 0.0) -> tuple[Tick, int]:
+        """Let one more agent live between ticks, at `place`; return a Tick of what is perceived now, and its slot.
+
+        It has the needs of a newborn and no parent. Where there are no births, a dead agent returns under its name.
+        Raises EcologyError where every slot of the species is taken or the place lies outside the arena.
+        """
+        return self.world.settle(species, place, heading)
+
+    def reweigh(self, species: str, factor: float) -> Tick:
+        """Multiply what `species` feels of others by `factor` from now on, 0 for nothing; return what is perceived now.
+
+        The weights of the average form are shares, which a common factor leaves as they are: there it is 0 or 1.
+        Raises EcologyError where the species has no empathy.
+        """
+        return self.world.reweigh(species, factor)
+
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the world has become: arrays by name, and plain values that JSON holds.
 

@@ -61,6 +61,7 @@ class ArrayWorld:
         self.model: Model = compile_model(scenario)
         self.seed: int | None = None  # of the last reset
         self.turnover = 0  # changes of who lives, so far
+        self.reweighed: dict[str, float] = {}  # species -> factor of what it feels of others, 1 where not named
         self._state: State | None = None
         self._grows = any(s.grows for s in scenario.species)
 
@@ -88,7 +89,7 @@ class ArrayWorld:
     def reset(self, seed: int) -> Tick:
         """Start from `seed` and return the first observations."""
         model = self.model
-        self.seed = seed
+        self.seed, self.reweighed = seed, {}
         streams = np.random.SeedSequence(seed).spawn(len(CONCERNS))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
         self._state = state = _first_state(model, self._rng)
@@ -150,7 +151,7 @@ class ArrayWorld:
         state.inside, state.seen, here, toward, nearest_patch = senses.find_patches(model, state, offered)
         pairs = neighbours.find(model.plane, state.position, state.alive, model.near, last) if model.near else None
         targets = meetings.aim(model, state, pairs)
-        empathy.update_drives(model, state, pairs, self.lesion_order)
+        empathy.update_drives(model, state, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, here, toward, targets)
         return Perception(here, toward, nearest_patch, pairs, targets, masks)
 
@@ -210,7 +211,9 @@ class ArrayWorld:
         for coupling in model.couplings:
             if coupling.rows == rows:
                 column = None if need is None else needs.index(need)
-                weight = empathy.weigh(model, self.state, coupling, self.perception.pairs, self.lesion_order)
+                weight = empathy.weigh(
+                    model, self.state, coupling, self.perception.pairs, self.lesion_order, self.reweighed
+                )
                 return empathy.weights(coupling, weight, self.state.alive, column)
         return None
 
@@ -232,6 +235,48 @@ class ArrayWorld:
             self._touch(state)
         return self._resume(state)
 
+    def settle(self, species: str, place: tuple[float, float], heading: float) -> tuple[Tick, int]:
+        """Let one more agent live between ticks, see `Ecology.settle`."""
+        model, state = self.model, self.state.next()
+        if species not in model.groups:
+            raise EcologyError(f"there is no species {species!r}. {nearest(species, model.groups)}")
+        rows = model.groups[species].slots
+        free = rows.start + np.flatnonzero(~state.alive[rows])
+        require(
+            free.size > 0,
+            f"all {model.groups[species].size} slots of {species!r} are taken; remove an agent, or raise the capacity "
+            "of the species in the scenario.",
+        )
+        require(
+            bool(changes.inside(model.scenario, np.array([place], float))[0]),
+            f"the place {place!r} lies outside the arena.",
+        )
+        new, serial, following = free[:1], state.serial[free[:1]].copy(), state.next_serial
+        state.own("lost", "internal", "hold")
+        life.start_lives(model, state, new, model.plane.home(np.array([place], float)), np.array([heading]))
+        if not self._grows:
+            state.serial[new], state.next_serial = serial, following
+        self._touch(state)
+        return self._resume(state), int(new[0])
+
+    def reweigh(self, species: str, factor: float) -> Tick:
+        """Multiply what `species` feels of others by `factor`, see `Ecology.reweigh`."""
+        model = self.model
+        rows = model.groups[species].slots if species in model.groups else None
+        coupling = next((each for each in model.couplings if each.rows == rows), None)
+        if coupling is None:
+            able = [s.name for s in model.scenario.species if s.empathy is not None]
+            raise EcologyError(
+                f"the species {species!r} has no empathy; "
+                + (f"give one that has: {', '.join(able)}." if able else "no species of this scenario has.")
+            )
+        require(
+            bool(np.isfinite(factor)) and (coupling.empathy.form == "sum" or factor in (0.0, 1.0)),
+            f"what {species!r} feels, in the average form of empathy, can be switched off or on, not reweighed.",
+        )
+        self.reweighed = {**self.reweighed, species: float(factor)}
+        return self._resume(self.state.next())
+
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the world has become, see `Ecology.snapshot`."""
         state = self.state
@@ -239,7 +284,8 @@ class ArrayWorld:
         plain = {f.name: getattr(state, f.name) for f in fields(state) if f.name not in arrays}
         arrays |= self._physics.memory()
         streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
-        return arrays, {"seed": self.seed, "state": plain, "rng": streams}
+        more = {"reweighed": dict(self.reweighed)} if self.reweighed else {}
+        return arrays, {"seed": self.seed, "state": plain, "rng": streams, **more}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> Tick:
         """Become the world that `snapshot` returned, see `Ecology.restore`."""
@@ -266,6 +312,7 @@ class ArrayWorld:
         for name, stream in values["rng"].items():
             fresh._rng[name].bit_generator.state = stream
         fresh._physics.remember(arrays, self.model.dt)
+        self.reweighed = dict(values.get("reweighed", {}))
         self.seed, self._rng, self.lesion_order, self._physics = (
             fresh.seed,
             fresh._rng,

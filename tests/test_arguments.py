@@ -170,7 +170,8 @@ def lives(env: Any, learner: Any, start: Any, ticks: int = TICKS) -> list[Any]:
     given = Given(zeta=zeta, mask=mask)
     learner.report()
     learner.deviation(0, zeta)
-    learner.decision(0, zeta[0], mask[0])
+    learner.weigh(0, zeta[0], mask[0])
+    learner.decision(0)
     given.stays()
     return did
 

@@ -6,6 +6,7 @@ import errno
 import http.client
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import pytest
 
 from ecology import EcologyError, __version__, agents, errors, scenarios
 from ecology.lab.cli import live, main
-from ecology.lab.cli.commands import evaluate, view
+from ecology.lab.cli.commands import evaluate
 from ecology.lab.values import read_value
 from ecology.observers.wishes import Wishes
 
@@ -523,7 +524,8 @@ def test_serving_twice_takes_other_ports(monkeypatch: pytest.MonkeyPatch, tmp_pa
         port = taken.getsockname()[1]
         assert viewer.preferred_port(viewer.LOOPBACK, port) not in (0, port)
         monkeypatch.setattr(viewer, "WEB_PORT", port)
-        audience = live.Audience("rerun+http://127.0.0.1:1/proxy", Wishes(tmp_path), view=False, serve=True)
+        whom: Any = None
+        audience = live.Audience(whom, whom, Wishes(tmp_path), view=False, serve=True, port=None)
         assert audience.port not in (None, 0, port)
 
 
@@ -627,7 +629,7 @@ def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(page, "Page", Served)
     monkeypatch.setattr(viewer, "WEB_PORT", 0)
-    monkeypatch.setattr(view, "_wait", look)
+    monkeypatch.setattr(live, "wait", look)
     code, out, _ = ecology("view", "mine", "--serve")
     assert code == 0
     assert pages[0].url in out
@@ -658,6 +660,47 @@ def test_focus_turns_a_run_that_is_alive(ecology: Command) -> None:
     code, _, err = ecology("focus", "nowhere", "predator")
     assert code == 2
     assert "holds no run" in err
+
+
+def test_a_run_that_is_alive_can_be_changed(ecology: Command) -> None:
+    """`ecology do` is answered by a run that lives, recorded or not; else it is refused."""
+    words = ["run", "predator_prey", "--ticks", "1000000", "--learner", "random", "--out", "mine", "--no-record"]
+    run = subprocess.Popen([sys.executable, "-m", "ecology.lab.cli", *words, "--quiet"])
+    try:
+        while not Path("mine/checkpoint").exists():
+            assert run.poll() is None
+            time.sleep(0.1)
+        code, out, _ = ecology("do", "mine", "move grass.3 6.5 6.5")
+        assert code == 0
+        assert re.fullmatch(r"tick \d+: grass.3 was moved from .* to \(6.50, 6.50\)\n", out)
+        code, _, err = ecology("do", "mine", "set", "prey", "enrgy", "0.2")
+        assert code == 2
+        assert "Did you mean 'energy'" in err
+        code, _, err = ecology("do", "mine", "burn grass")
+        assert (code, "no intervention 'burn'" in err) == (2, True)
+    finally:
+        run.terminate()
+        run.wait()
+    assert json.loads(Path("mine/interventions.jsonl").read_text())["do"] == "move grass.3 6.5 6.5"
+    assert json.loads(Path("mine/summary.json").read_text())["interventions"] == 1
+    assert not Path("mine/do.json").exists()
+    code, _, err = ecology("do", "mine", "empty grass")
+    assert code == 2
+    assert "no run is alive in 'mine'" in err
+    assert ecology("do", "nowhere", "empty grass")[0] == 2
+    config = (
+        "run",
+        "--config",
+        "mine/config.toml",
+        "--replay",
+        "mine/interventions.jsonl",
+        "--out",
+        "again",
+        "--quiet",
+    )
+    tick = json.loads(Path("mine/interventions.jsonl").read_text())["tick"]
+    assert ecology(*config, "--ticks", str(tick + 1))[0] == 0
+    assert Path("again/interventions.jsonl").read_text() == Path("mine/interventions.jsonl").read_text()
 
 
 def test_births_and_deaths_are_counted_on(ecology: Command) -> None:

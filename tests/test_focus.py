@@ -13,7 +13,7 @@ import warnings
 import numpy as np
 import pytest
 from conftest import PATIENCE
-from test_observers import TICKS, Wanderer, Witness, column, live, many, one, rerun_observer, told, village
+from test_observers import TICKS, Wanderer, Witness, choice, column, live, many, one, rerun_observer, told, village
 
 from ecology import Ecology, EcologyError
 from ecology.observers import census, page, viewer, wishes
@@ -101,6 +101,9 @@ def test_a_page_shows_the_viewer(served, tmp_path):
         "sources": ["rerun+http://127.0.0.1:9876/proxy"],
         "agents": "/world/agents/",
         "dt": 0.5,
+        "name": "",
+        "live": False,
+        "usages": [],
     }
     policy = shown.headers["Content-Security-Policy"]
     assert "connect-src 'self' http://127.0.0.1:9876;" in policy
@@ -389,10 +392,10 @@ def lived(tmp_path_factory):
     path, witness, kept = tmp_path_factory.mktemp("lived") / "recording.rrd", Witness(), Wishes()
 
     class Weighing(Wanderer):
-        def decision(self, slot, zeta, mask):
-            words = dict.fromkeys(("next_drive", "slope", "sum", "score"), np.zeros(2))
-            return {"names": ("rest", "walk"), "open": np.ones(2, bool), **words, "J": 1.0, "gamma": 0.9,
-                    "error": np.zeros(len(zeta))}  # fmt: skip
+        decides = True
+
+        def decision(self, slot):
+            return choice(age=2, error=np.zeros(len(self.group.layout.names)))
 
     deeds = {40: lambda: kept.click(Click("/world/agents/prey", 7))}
     env = live(village(), witness, Hands(deeds), rerun_observer(path, every=2, wishes=kept), mind=Weighing, ticks=120)
@@ -429,7 +432,9 @@ def test_any_life_is_drawn_after_the_fact(lived, tmp_path):
             assert needs[tick][:2] == pytest.approx([state.internal[slot, 0], 2.0], abs=1e-5)
             assert deviation[tick] == pytest.approx(state.internal[slot, 0] - 2.0, abs=1e-5)
             living = state.alive[rows]
-            assert drive[tick] == pytest.approx([state.drive[slot], state.drive[rows][living].mean()], abs=1e-5)
+            own = state.own_drive[slot]
+            parts = [state.drive[slot], own, state.drive[slot] - own, state.drive[rows][living].mean()]
+            assert drive[tick] == pytest.approx(parts, abs=1e-5)
             assert reward[tick][0] == pytest.approx(witness.ticks[tick].reward[slot] if tick else 0.0, abs=1e-5)
             assert places[tick][0, 0] == pytest.approx(state.position[slot, 0], abs=1e-5)
         acts = {t: v[0] for t, v in told(layer, f"/chosen/{who}/action", "StateChange:state").items()}
@@ -453,7 +458,7 @@ def test_what_was_not_recorded_is_said(lived, tmp_path):
     texts = {t: v[0] for t, v in told(layer, "/chosen/prey_7/decision", "TextDocument:text").items()}
     assert "was not in focus here" in texts[0]
     assert "ticks 40 to" in texts[0]
-    assert "movement" in texts[40]
+    assert "chosen at 38, tick 2" in texts[40]
     assert sorted(texts)[:2] == [0, 40]
 
 

@@ -237,11 +237,11 @@ def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
         found = learner.predict(slot, zeta[row : row + 1])
         assert found["change"] == pytest.approx(change.detach().numpy(), rel=1e-3, abs=1e-5)
         assert found["duration"] == pytest.approx(duration.detach().numpy(), rel=1e-3)
-        told = learner.decision(slot, zeta[row], np.ones(len(learner.group.actions), bool))
+        told = learner.weigh(slot, zeta[row], np.ones(len(learner.group.actions), bool))
         if far:
             with torch.no_grad():
                 expected = plain.look_ahead(at[0], np.ones(learner.count, bool))
-        assert told["score"] == pytest.approx(expected, rel=1e-3, abs=1e-4)
+        assert told.score == pytest.approx(expected, rel=1e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize("rows", [2, 40, 3_000])
@@ -280,9 +280,9 @@ def test_a_life_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:
     learner.born(np.array([0, 1]), np.array([-1, 2]))
     assert (learner.state()[0]["cell_count"] > 0).tolist() == [False, True, True, True]
     layout = env.groups["agent"].layout
-    told = learner.decision(2, tick.observations["agent"][2], tick.masks["agent"][2])
-    assert np.isfinite(told["score"]).all()
-    assert np.isfinite(told["error"][np.array(layout.kinds) == "deviation"]).any()
+    told = learner.weigh(2, tick.observations["agent"][2], tick.masks["agent"][2])
+    assert np.isfinite(told.score).all()
+    assert np.isfinite(told.error[np.array(layout.kinds) == "deviation"]).any()
     here, (arrays, values) = env.snapshot(), learner.state()
     arrays = {name: array.copy() for name, array in arrays.items()}
     for other in (twin, by_kernels):

@@ -19,6 +19,7 @@ import ecology
 from ecology import Ecology, EcologyError, agents, scenarios
 from ecology.agents.base import Learner
 from ecology.agents.loop import advance
+from ecology.decision import Decision
 from ecology.life import scatter
 from ecology.observers import census, maps, picture, viewer
 from ecology.observers.recorder import Recorder, parts_of, read
@@ -663,40 +664,143 @@ def test_a_decision_is_the_one_that_is_taken(name):
     for _ in range(60):
         zeta, mask = tick.observations["agent"], tick.masks["agent"]
         before = mind.decisions[0]
-        told = mind.decision(0, zeta[0], mask[0])
+        told = mind.weigh(0, zeta[0], mask[0])
         action = mind.act(zeta, mask)
         if mind.decisions[0] > before:
             decided += 1
-            assert mind.movement[0] == np.where(told["open"], told["score"], np.inf).argmin()
-        assert told["sum"] == pytest.approx(told["next_drive"] + told["slope"])
+            assert mind.movement[0] == np.where(told.open, told.score, np.inf).argmin() == told.taken
+        assert told.total == pytest.approx(told.next_drive + told.slope)
         tick = env.step_arrays(action)
     assert decided
-    assert told["J"] == pytest.approx(float(mind.deviation(0, zeta)[0]))
-    error = told["error"]
+    assert told.value == pytest.approx(float(mind.deviation(0, zeta)[0]))
+    error = told.error
     assert error.shape == (len(env.groups["agent"].layout.names),)
     known = error[np.isfinite(error)]
     assert (known >= 0).all()
     assert known.size or name == "algorithm1"  # which keeps too little to know
 
 
+def choice(**words):
+    """Return a decision between a rest, a walk that is closed, and a meal."""
+    numbers = np.arange(3.0)
+    usual = {
+        "options": ("rest", "walk", "eat"), "open": np.array([True, False, True]), "next_drive": numbers,
+        "slope": numbers + 1, "score": numbers + 3, "taken": 0, "explored": False, "learned": True, "value": 2.5,
+        "gamma": 0.9, "error": np.full(14, 0.5),
+    }  # fmt: skip
+    return Decision(**{**usual, **words})
+
+
+def test_a_decision_says_what_is_not_known():
+    """A decision without learning, or looked at too late, is marked so; one without an end of its own has no length."""
+    from ecology.observers.drawing import decision_text
+
+    def head(**words):
+        return decision_text(census.Choice(4_011, 4011.0, "agent_0", choice(**words))).splitlines()[0]
+
+    assert head(age=30) == "**agent_0**: **rest**, chosen at 3,981, tick 30; -ln(γ) J = 2.500"
+    assert head(age=1, length=40, learned=False).endswith(
+        "chosen at 4,010, tick 1 of 40; **nothing learned yet**; -ln(γ) J = 2.500"
+    )
+    assert "not in focus when it chose" in head(age=2, recalled=True, explored=None)
+    assert "explored" not in head(age=2, recalled=True, explored=None)
+
+
+@pytest.mark.parametrize("name", ["hjb", "algorithm1", "lean"])
+def test_a_decision_is_held_until_the_next_one(name):
+    """The one that is shown is what the agent does, from its first tick to its last, with the scores it had then."""
+    env = Ecology(scenarios.load("paper"))
+    mind = agents.make(name, env.groups["agent"], np.random.SeedSequence(2), {})
+    tick, names = env.reset_arrays(1), env.groups["agent"].actions
+    assert mind.decision(0) is None
+    mind.follow([0])
+    compared, score_all = [], mind._scores
+    mind._scores = lambda *words: compared.append(score_all(*words)) or compared[-1]
+    explored, kept, taken = 0, None, 0
+    for t in range(600):
+        before = mind.decisions[0]
+        compared.clear()
+        tick = advance(env, {"agent": mind}, tick, 1)
+        shown = mind.decision(0)
+        if shown.age == 1:
+            assert mind.decisions[0] > before
+            if compared:  # else it explored
+                np.testing.assert_array_equal(shown.score[shown.open], compared[0][0][shown.open])
+            kept, made = shown, t
+            explored += shown.explored
+            taken += shown.taken == np.where(shown.open, shown.score, np.inf).argmin()
+            assert shown.explored or shown.taken == np.where(shown.open, shown.score, np.inf).argmin()
+        assert shown.age == t - made + 1
+        assert shown.score is kept.score
+        assert shown.taken == mind.movement[0]
+        assert names[tick.action[0]] in shown.options[shown.taken]
+        assert shown.length is None or shown.age <= shown.length
+    assert 0 < explored < mind.decisions[0]
+    assert shown.learned
+    other = agents.make(name, env.groups["agent"], np.random.SeedSequence(2), {})
+    other.restore(*mind.state())
+    recalled = other.decision(0)
+    assert recalled.recalled
+    assert recalled.explored is None
+    assert recalled.taken == mind.movement[0]
+
+
+def test_following_changes_no_life():
+    """Agents whose decisions are kept live as the others do, bit for bit, births and deaths included."""
+    ends = []
+    for followed in ([], [0, 3], range(16)):
+        env = Ecology(village())
+        tick = env.reset_arrays(3)
+        minds = {n: agents.make("lean", g, np.random.SeedSequence(4), {"memory": 50, "warm_up": 4, "update_every": 1.0})
+                 for n, g in env.groups.items()}  # fmt: skip
+        minds["prey"].follow(followed)
+        advance(env, minds, tick, 120)
+        assert minds["prey"].decision(3 if followed else 0) is None or minds["prey"].decision(3).options
+        ends.append((env.snapshot()[0], minds["prey"].state()[0]))
+    for world, mind in ends[1:]:
+        for before, after in ((ends[0][0], world), (ends[0][1], mind)):
+            for key, array in before.items():
+                np.testing.assert_array_equal(array, after[key], err_msg=key)
+
+
+def test_shares_of_the_drive_add_up():
+    """The shares of the needs add up to the own drive; one that is not regulated has none."""
+    from ecology.observers.drawing import drive_shares
+
+    species, x = one().species[0], np.array([[0.1, -0.3, 0.2, 0.0, 0.1, 0.4], np.full(6, np.nan)])
+    target = np.array([need.set_point for need in species.needs])
+    shares = drive_shares(species, x + target)
+    assert np.isnan(shares[1]).all()
+    assert shares[0].sum() == pytest.approx((species.drive_epsilon + 0.31) ** 0.5)
+    assert shares[0] / shares[0].sum() == pytest.approx(np.array([0.01, 0.09, 0.04, 0.0, 0.01, 0.16]) / 0.31)
+    assert (drive_shares(species, target[None]) == 0).all()
+
+
 def test_a_decision_is_recorded(tmp_path):
     """What the focus weighed is in the recording by movement, what is closed marked so, and J beside what was met."""
 
     class Weighing(Wanderer):
-        def decision(self, slot, zeta, mask):
-            numbers = np.arange(3.0)
-            open_ = np.array([True, False, True])
-            told = {key: numbers + i for i, key in enumerate(("next_drive", "slope", "sum", "score"))}
-            return {"names": ("rest", "walk", "eat"), "open": open_, **told, "J": 2.5, "gamma": 0.9,
-                    "error": np.full(len(zeta), 0.5)}  # fmt: skip
+        decides, ticks = True, 0
+
+        def deviation(self, slot, zeta):
+            return np.full(len(zeta), 2.5)
+
+        def learn(self, transition):
+            self.ticks += 1
+
+        def decision(self, slot):
+            return choice(age=(self.ticks - 2) % 7 + 1, length=7, taken=2, explored=self.ticks < 9)
 
     witness, path = Witness(), tmp_path / "recording.rrd"
     live(one(), witness, rerun_observer(path, every=4), mind=Weighing)
-    assert told(path, "/focus/agent/decision", "sum")[8].tolist() == [2.0, 3.0, 4.0]
-    text = told(path, "/focus/agent/decision", "TextDocument:text")[8][0]
-    assert "agent_0" in text
-    assert "~~walk~~ closed" in text
-    assert text.index("**rest**") < text.index("eat")
+    assert told(path, "/focus/agent/decision", "total")[8].tolist() == [1.0, 3.0, 5.0]
+    assert told(path, "/focus/agent/decision", "taken")[8].tolist() == [2]
+    texts = {tick: text[0] for tick, text in told(path, "/focus/agent/decision", "TextDocument:text").items()}
+    assert sorted(texts)[:6] == [2, 4, 8, 9, 12, 16]  # every sample, and every tick at which it decided
+    head, *table = texts[4].splitlines()
+    assert head == "**agent_0**: **eat**, chosen at 1, tick 3 of 7; **explored**; -ln(γ) J = 2.500"
+    assert [line.split(" | ")[0] for line in table[-3:]] == ["| rest", "| **▶ eat**", "| ~~walk~~ closed"]
+    assert texts[12].startswith("**agent_0**: **eat**, chosen at 8, tick 4 of 7; -ln(γ) J = 2.500\n")
     assert told(path, "/learning/agent/J")[8] == 2.5
     met = told(path, "/learning/agent/met")
     weight = 0.9 ** np.arange(1, 30)  # up to 5 %

@@ -144,8 +144,11 @@ def open_life(rec: rr.RecordingStream, scene: Scene, name: str, species: Species
     _series(rec, f"{base}/needs", words, lines, [2.0, 1.0, 1.0, 1.0] * len(species.needs))
     many = scene.groups[name].size > 1
     who = scene.chosen.get(name, "in focus" if many else scene.names[name])
-    words = [who, *(["mean of the species"] * many)]
-    _series(rec, f"{base}/drive", words, [(240, 240, 240), colours.PALETTE[0]])
+    feels = species.empathy is not None
+    words = [who, *(["its own", "felt of others"] * feels), *(["mean of the species"] * many)]
+    felt = [colours.PALETTE[1], colours.PALETTE[5]] * feels
+    _series(rec, f"{base}/drive", words, [(240, 240, 240), *felt, colours.PALETTE[0]])
+    _series(rec, f"{base}/shares", [need.name for need in species.needs], shades)
     _series(rec, f"{base}/reward", ["reward"], [colours.PALETTE[1]])
     rec.log(
         f"{base}/action",

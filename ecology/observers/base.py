@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Collection, Mapping
+from typing import Protocol
 
 import numpy as np
 
+from ecology.decision import Decision
 from ecology.env import Ecology
 from ecology.state import State
 from ecology.world import Tick
@@ -23,13 +24,26 @@ class Mind(Protocol):
         """Return -ln(gamma) J, drive units, (m,) at states (m, D), of the agent in `slot`, or None."""
         ...
 
-    def decision(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> dict[str, Any] | None:
-        """Return what the agent in `slot` weighs at zeta (D,) with the actions of `mask` (A,) open, or None."""
+    @property
+    def decides(self) -> bool:
+        """Return whether `decision` shows anything, now or later."""
+        ...
+
+    def follow(self, slots: Collection[int]) -> None:
+        """Keep from now on what the agents in `slots` weigh when they decide, and forget it of all others."""
+        ...
+
+    def decision(self, slot: int) -> Decision | None:
+        """Return the decision that the agent in `slot` acts on, None where there is none."""
         ...
 
 
 class Observer(Protocol):
-    """Someone who watches a run; a class derived from it defines only the methods that it needs."""
+    """Someone who watches a run; a class derived from it defines only the methods that it needs.
+
+    A run calls three more methods of observers that have them: `flush()` before a checkpoint; `intervened(state, said)`
+    after an intervention, with the state after it and what was done; and `held()` now and then while it waits.
+    """
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Be shown the world before its first tick; `minds` by species."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ecology.decision import Decision
 from ecology.env import Ecology
 from ecology.model import Group
 from ecology.observers.wishes import AGENTS, Click
@@ -166,6 +167,16 @@ def mean(value: Floats) -> float:
 # ---- who is looked at --------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Choice:
+    """A decision of who is looked at, as it stands after a tick."""
+
+    tick: int
+    time: float
+    name: str
+    decision: Decision
+
+
 @dataclass
 class Life:
     """What n samples show of who is looked at; a series breaks where it is NaN."""
@@ -174,6 +185,7 @@ class Life:
     time: Floats  # (n,)
     internal: Floats  # (n, needs) x
     drive: Floats  # (n,)
+    own: Floats | None  # (n,) drive of its own needs, None where its species feels nothing of others
     mean: Floats | None  # (n,) drive of its species
     reward: Floats | None  # (n,)
     action: Ints  # (n,)

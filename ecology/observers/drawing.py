@@ -11,11 +11,13 @@ focus per species whose needs, drive, decision and deviation maps are drawn over
     world/focus/SPECIES     LineStrips2D: view field and lines of sight of the agent in focus; its name
     world/marks/KIND        LineStrips2D: births, deaths, bites and gifts since the last sample
     world/maps/SPECIES/NEED/image   Image and the numbers of the deviation map behind it
-    focus/SPECIES/{needs,deviation,drive,reward,action,decision}    of the agent in focus
+    focus/SPECIES/{needs,deviation,shares,drive,reward,action,decision}    of the agent in focus; with empathy its
+                            drive, its own drive, what is felt of others; `shares` of its own drive by need
     learning/SPECIES/{losses,numbers,error,J,met}   of Mind.report(), mean over the living, losses as
                             log10; of the focus: f's error, J, and the discounted drive met afterwards
     population/{count,flow,drive,stocks,measures}, population/ages/SPECIES, population/coupling/SPECIES
     events/SPECIES          TextLog: who was born, died, bit, gave, ate, slept
+    events/interventions    TextLog: what was done from outside
 
 Timelines: "tick", and "sim_time" (one unit of the model's time shown as one second). A slot is taken
 by one agent after another: `serial` says which, and a series breaks where another life begins.
@@ -35,13 +37,15 @@ import rerun as rr
 
 from ecology.observers import census, colours, maps, shapes
 from ecology.observers.backdrop import text
-from ecology.observers.census import Life
+from ecology.observers.census import Choice, Life
 from ecology.observers.layout import blueprint
 from ecology.observers.scene import BACKGROUND, DEAD, FAINT, INK, MAP_SCALE, MARKED, STEPS, Scene, losses
 from ecology.spec import Species
 
 LINES = {True: 20, False: 5}  # of the event log, per kind and sample, of few and of many; the rest is counted
 MARKS = 200  # per kind and sample, at most
+DEED = 0xFFD23FFF  # colour of an intervention in the event log
+NUMBERS = ("next_drive", "slope", "total", "score", "open")  # of a decision, in the recording
 COMPASS = 512  # directions in which a heading is drawn, and recorded for the viewer
 
 
@@ -124,6 +128,7 @@ class Drawing:
             time=column["time"],
             internal=column["internal"][n, slot][:, : len(species.needs)] + gap[:, None],
             drive=column["drive"][n, slot] + gap,
+            own=np.array([f.get("own", np.nan) for f in shown]) + gap if species.empathy is not None else None,
             mean=np.array([census.mean(row) for row in column["drive"][:, rows]]) if many else None,
             reward=column["reward"][n, slot] + gap,
             action=np.where(slot < 0, DEAD, column["action"][n, slot]),
@@ -145,8 +150,10 @@ class Drawing:
         beside = np.broadcast_to(bounds, (n, *bounds.shape))
         _scalars(self._rec, f"{base}/deviation", times, x - target)
         _scalars(self._rec, f"{base}/needs", times, np.concatenate([x[..., None], beside], axis=-1).reshape(n, -1))
-        drive = [life.drive] if life.mean is None else [life.drive, life.mean]
-        _scalars(self._rec, f"{base}/drive", times, np.stack(drive, axis=1))
+        parts = [life.drive, *([] if life.own is None else [life.own, life.drive - life.own])]
+        parts += [] if life.mean is None else [life.mean]
+        _scalars(self._rec, f"{base}/drive", times, np.stack(parts, axis=1))
+        _scalars(self._rec, f"{base}/shares", times, drive_shares(species, x))
         if life.reward is not None:
             _scalars(self._rec, f"{base}/reward", times, life.reward[:, None])
         self._draw_action(name, species, life.tick, life.time, life.action)
@@ -184,25 +191,39 @@ class Drawing:
 
     def _draw_decisions(self, name: str, shown: Sequence[Mapping[str, Any]], column: Mapping[str, np.ndarray]) -> None:
         """Write what the agent in focus weighs, and how its f and its J fare."""
-        at = np.array([i for i, f in enumerate(shown) if "decision" in f], int)
+        gone = [i for i, f in enumerate(shown) if f["slot"] < 0 and f["anew"]] if self._scene.decides[name] else []
+        if gone:
+            self._rec.send_columns(
+                f"focus/{name}/decision",
+                _times(column["tick"][gone], column["time"][gone]),
+                rr.TextDocument.columns(
+                    text=["nobody is in focus"] * len(gone), media_type=["text/markdown"] * len(gone)
+                ),
+            )
+        choices = [choice for f in shown for choice in f.get("choices", ())]
+        if choices:
+            told = [choice.decision for choice in choices]
+            numbers = {
+                key: np.concatenate([np.asarray(getattr(d, key), bool if key == "open" else float) for d in told])
+                for key in NUMBERS
+            }
+            each = [len(d.options) for d in told]
+            text = [decision_text(choice) for choice in choices]
+            self._rec.send_columns(
+                f"focus/{name}/decision",
+                _times(np.array([c.tick for c in choices]), np.array([c.time for c in choices])),
+                [
+                    *rr.TextDocument.columns(text=text, media_type=["text/markdown"] * len(text)),
+                    *rr.AnyValues.columns(**{key: pa.array(value) for key, value in numbers.items()}).partition(each),
+                    *rr.AnyValues.columns(taken=pa.array([d.taken for d in told])),
+                ],
+            )
+        at = np.array([i for i, f in enumerate(shown) if "J" in f], int)
         if not at.size:
             return
         times = _times(column["tick"][at], column["time"][at])
-        told = [shown[i]["decision"] for i in at]
-        each = [len(d["names"]) for d in told]
-        keys = ("next_drive", "slope", "sum", "score", "open")
-        numbers = {key: pa.array(np.concatenate([np.asarray(d[key]) for d in told])) for key in keys}
-        text = [_table(shown[i]["name"], d) for i, d in zip(at, told, strict=True)]
-        self._rec.send_columns(
-            f"focus/{name}/decision",
-            times,
-            [
-                *rr.TextDocument.columns(text=text, media_type=["text/markdown"] * len(text)),
-                *rr.AnyValues.columns(**numbers).partition(each),
-            ],
-        )
         _scalars(self._rec, f"learning/{name}/error", times, np.stack([shown[i]["error"] for i in at]))
-        _scalars(self._rec, f"learning/{name}/J", times, np.array([[d["J"]] for d in told]))
+        _scalars(self._rec, f"learning/{name}/J", times, np.array([[shown[i]["J"]] for i in at]))
         met = [each for i in at for each in shown[i]["met"]]
         if met:
             ticks, nows, value = (np.array(part) for part in zip(*met, strict=True))
@@ -308,6 +329,14 @@ class Drawing:
 
     def _tell(self, samples: Sequence[Mapping[str, Any]]) -> None:
         """Write the event log: every event of a few agents, of many the most telling, and how many more."""
+        deeds = [deed for s in samples for deed in s["deeds"]]
+        if deeds:
+            ticks, nows, texts = zip(*deeds, strict=True)
+            self._rec.send_columns(
+                "events/interventions",
+                _times(np.array(ticks), np.array(nows)),
+                rr.TextLog.columns(text=texts, level=["intervention"] * len(deeds), color=[DEED] * len(deeds)),
+            )
         groups = list(self._scene.groups.values())
         for group in groups:
             rows: list[tuple[int, float, str, str]] = []
@@ -410,22 +439,44 @@ class Drawing:
         self._rec.send_blueprint(blueprint(self._scene))
 
 
-def _table(name: str, decision: Mapping[str, Any]) -> str:
-    """Return a decision as a table in Markdown, the least score first, what is closed last."""
-    open_, score = np.asarray(decision["open"]), np.asarray(decision["score"])
-    order = np.argsort(np.where(open_, score, np.inf), kind="stable")
+def decision_text(choice: Choice) -> str:
+    """Return a decision in Markdown: what was taken and when, and a table with the least score first."""
+    d = choice.decision
+    taken, since = d.options[d.taken], choice.tick - d.age
+    how_far = f"tick {d.age}" + ("" if d.length is None else f" of {max(d.length, d.age)}")
+    marks = ["**explored**"] * bool(d.explored) + ["**nothing learned yet**"] * (not d.learned)
+    if d.recalled:
+        marks.append("not in focus when it chose: scores by what it knows now")
+    order = np.argsort(np.where(d.open, d.score, np.inf), kind="stable")
     rows = [
-        f"**{name}**, -ln(γ) J = {decision['J']:.3f}",
+        f"**{choice.name}**: **{taken}**, chosen at {since:,}, {how_far}"
+        + "".join(f"; {mark}" for mark in marks)
+        + f"; -ln(γ) J = {d.value:.3f}",
         "",
-        "| movement | next drive | dJ/dζ·f | sum | score |",
+        "| option | next drive | dJ/dζ·f | sum | score |",
         "|---|---|---|---|---|",
     ]
     for i in order:
-        numbers = " | ".join(f"{decision[key][i]:.3f}" for key in ("next_drive", "slope", "sum", "score"))
-        word = decision["names"][i]
-        word = f"**{word}**" if i == order[0] and open_[i] else word if open_[i] else f"~~{word}~~ closed"
-        rows.append(f"| {word} | {numbers if open_[i] else ' - | - | - | -'} |")
+        numbers = [f"{value[i]:.3f}" for value in (d.next_drive, d.slope, d.total, d.score)] if d.open[i] else ["-"] * 4
+        cells = [d.options[i] if d.open[i] else f"~~{d.options[i]}~~ closed", *numbers]
+        if i == d.taken:
+            cells = [f"**{cell}**" for cell in (f"▶ {cells[0]}", *cells[1:])]
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)
+
+
+def drive_shares(species: Species, internal: np.ndarray) -> np.ndarray:
+    """Return the share of each need in the own drive at x (n, V), (n, V) in drive units; their sum is the drive.
+
+    The share of a need is d delta_i^2 / sum_j delta_j^2: which need the drive is about. Without any deviation it is 0.
+    """
+    regulated = np.array([need.regulated for need in species.needs])
+    square = np.where(regulated, internal - [need.set_point for need in species.needs], 0.0) ** 2
+    total = square.sum(axis=1, keepdims=True)
+    drive = (total + species.drive_epsilon) ** (species.drive_exponent / 2)
+    return np.divide(
+        drive * square, total, out=np.where(np.isfinite(total), np.zeros_like(square), np.nan), where=total > 0
+    )
 
 
 def _times(ticks: np.ndarray, times: np.ndarray) -> list[rr.TimeColumn]:

@@ -85,6 +85,10 @@ class Hindsight:
         name = self.who(click)
         return self.layer(name) if name is not None and self._scene.crowd else None
 
+    def named(self, word: str) -> bytes | None:
+        """Return the layer of an agent by name; EcologyError for one that the recording does not hold."""
+        return self.layer(word)
+
     def shown(self, word: str | None, target: Path) -> Path:
         """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
         with tempfile.TemporaryDirectory() as folder:
@@ -147,14 +151,15 @@ class Hindsight:
         x = np.stack([of(need.name) for need in species.needs], axis=1).astype(float)
         place, way = of("Points2D:positions").astype(float), of("Arrows2D:vectors")
         angle, lives = np.arctan2(way[:, 1], way[:, 0]), np.isfinite(x).all(axis=1) & (serials[row, slot] == serial)
+        delta = np.where([n.regulated for n in species.needs], x - [n.set_point for n in species.needs], 0.0)
+        own = physiology.drive(delta, species.drive_epsilon, species.drive_exponent)
         if scene.full:
             drive, reward = of("drive").astype(float), of("reward").astype(float)
-        else:  # of its own needs
-            delta = np.where([n.regulated for n in species.needs], x - [n.set_point for n in species.needs], 0.0)
-            drive, reward = physiology.drive(delta, species.drive_epsilon, species.drive_exponent), None
+        else:  # what it felt of others was not recorded
+            drive, reward, own = own, None, np.full(len(own), np.nan)
         field = [shapes.view_field(species, p, a) if live else np.empty((0, 2))
                  for p, a, live in zip(place, angle, lives, strict=True)]  # fmt: skip
-        for value in (x, place, drive, *([] if reward is None else [reward])):
+        for value in (x, place, drive, own, *([] if reward is None else [reward])):
             value[~lives] = np.nan
         mean = None
         if group.size > 1:
@@ -166,6 +171,7 @@ class Hindsight:
             time=ticks[row] * scene.scenario.dt,
             internal=x,
             drive=drive,
+            own=None if species.empathy is None else own,
             mean=mean,
             reward=reward,
             action=np.where(lives, of("action"), DEAD),
@@ -186,6 +192,8 @@ class Hindsight:
         its = {tick: text for tick, (text,) in zip(known, texts, strict=True) if text.startswith(f"**{who}**")}
         when = f"It was in focus within ticks {min(its)} to {max(its)}." if its else "It never was in focus."
         note = f"**{who}** was not in focus here, and what it weighed was not recorded. {when}"
+        between = [tick for tick in its if ticks[0] <= tick <= ticks[-1]]  # decisions are recorded at every tick
+        ticks = np.union1d(ticks, np.array(between, ticks.dtype))
         shown = np.array([its.get(tick, note) for tick in ticks], object)
         new = np.flatnonzero(np.append(True, shown[1:] != shown[:-1]))
         rec.send_columns(

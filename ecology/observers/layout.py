@@ -168,6 +168,12 @@ def _life_views(scene: Scene, name: str) -> rrb.Container:
         rrb.Tabs(
             _need_views(scene, name),
             rrb.TimeSeriesView(
+                origin=f"/{scene.at(name)}/shares",
+                name="shares of the needs in its own drive, drive units",
+                time_ranges=_last(STATE_TICKS, dt),
+                plot_legend=LEGEND,
+            ),
+            rrb.TimeSeriesView(
                 origin=f"/{scene.at(name)}/deviation",
                 name="x - x* of every need, its own unit",
                 time_ranges=_last(STATE_TICKS, dt),
@@ -188,7 +194,7 @@ def _life_views(scene: Scene, name: str) -> rrb.Container:
     shares = [3.0, 1.1, 1.6]
     learning = _learning_views(scene, name)
     if scene.decides[name]:
-        title = "decision: the least score open is taken"
+        title = "decision in force"
         text = rrb.TextDocumentView(origin=f"/{scene.at(name)}/decision", name=title)
         views.append(rrb.Horizontal(text, rrb.Tabs(*learning, active_tab=0)) if learning else text)
         shares.append(2.6)

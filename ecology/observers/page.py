@@ -3,10 +3,16 @@
     GET  /                      the page; it holds the token that a click needs
     GET  /re_viewer.js, .wasm   Rerun's own, taken from the server that comes with it
     GET  /NAME                  a recording that is shown
-    POST /focus                 {"entity": "/world/agents/prey", "row": 17, "tick": 1200}
+    POST /focus                 {"entity": "/world/agents/prey", "row": 17, "tick": 1200}: a click
+    POST /name                  {"who": "prey_17"}: the same by name
+    POST /status                {"page": "x7", "shown": 1190}: what a page shows, null where it looks elsewhere
+    POST /order                 {"order": "pace", "pace": 50}: of the run's pace, see control.py
+    POST /do                    {"do": "move food 0.5 1.5"}: an intervention, see ecology/interventions.py
+    POST /world                 {}: where everything is
 
-Who asks under another host's name (DNS rebinding), clicks from another page or without the token gets
-403, what is no click 400; neither reaches the run. A browser may load nothing from elsewhere.
+Who asks under another host's name (DNS rebinding), posts from another page or without the token gets
+403, what cannot be read 400; neither reaches the run. What the run refuses gets 409 with its reason. The last four are
+of a run that is alive, and 404 elsewhere. A browser may load nothing from elsewhere.
 """
 
 from __future__ import annotations
@@ -24,15 +30,17 @@ from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from ecology.errors import EcologyError
+from ecology.interventions import USAGES
 from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, viewer_process
 from ecology.observers.wishes import AGENTS, Click
 
 HTML = Path(__file__).with_name("page.html")
 VIEWER = ("re_viewer.js", "re_viewer_bg.wasm")
+JSON = "application/json"
 TYPES = {".js": "text/javascript", ".wasm": "application/wasm", ".html": "text/html; charset=utf-8"}
 LONGEST, DRAINED = 1_024, 65_536  # bytes of a click, and of anything that is read
 PATIENCE = 30.0  # seconds granted to a browser that is slow, and to the start of Rerun's server
@@ -50,12 +58,17 @@ class Page:
         files: Mapping[str, Path] | None = None,
         dt: float = 1.0,
         port: int = WEB_PORT,
+        desk: Desk | None = None,
+        name: str = "",
+        named: Callable[[str], bytes | None] | None = None,
     ) -> None:
         """Serve from now on.
 
         sources: what the viewer opens: addresses of runs that serve, or names of `files`, recordings.
         hear: is given every click, in any thread; what it returns (a recording) is added to what is shown.
         dt: units of time per tick. port: a free one for 0. Raises EcologyError where the port is taken.
+        desk: takes orders for a run that is alive; a recording has none. name: of the run. named: is given names
+        of agents as `hear` is given clicks, where there is no desk.
         """
         self.port = free_port(LOOPBACK, port)
         self.token = secrets.token_urlsafe(32)
@@ -65,17 +78,16 @@ class Page:
         except BaseException:
             self._folder.cleanup()
             raise
-        told = json.dumps({"token": self.token, "sources": list(sources), "agents": f"{AGENTS}/", "dt": dt})
-        page = HTML.read_text(encoding="utf-8").replace("SETTINGS", told.replace("<", "\\u003c"), 1).encode()
         runs = " ".join(f"http://{urlsplit(source).netloc}" for source in sources if "://" in source)
         policy = (
             "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; "
             f"img-src 'self' data: blob:; connect-src 'self' {runs}; worker-src blob:; frame-ancestors 'none'"
         )
-        answers = {f"/{path.name}": path for path in viewer} | {f"/{n}": path for n, path in (files or {}).items()}
-        handler = type("Served", (_Handler,), {"page": page, "files": answers, "token": self.token,
-                                               "policy": policy, "hear": staticmethod(hear)})  # fmt: skip
-        self._server = _Server((LOOPBACK, self.port), handler)
+        self._viewer = {f"/{path.name}": path for path in viewer}
+        words = {"token": self.token, "agents": f"{AGENTS}/", "dt": dt, "name": name}
+        self._served = type("Served", (_Handler,), {"words": words, "token": self.token, "policy": policy})
+        self._show(sources, hear, files or {}, desk, named)
+        self._server = _Server((LOOPBACK, self.port), self._served)
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
@@ -84,12 +96,68 @@ class Page:
         """Return the address to open."""
         return f"http://{LOOPBACK}:{self.port}/"
 
+    def _show(
+        self,
+        sources: Sequence[str],
+        hear: Callable[[Click], bytes | None],
+        files: Mapping[str, Path],
+        desk: Desk | None,
+        named: Callable[[str], bytes | str | None] | None,
+    ) -> None:
+        served: Any = self._served
+        live = {"live": desk is not None, "usages": USAGES if desk is not None else ()}
+        told = json.dumps({**served.words, "sources": list(sources), **live})
+        page = HTML.read_text(encoding="utf-8").replace("SETTINGS", told.replace("<", "\\u003c"), 1).encode()
+        named = named or (desk.focus if desk is not None else None)
+        served.page, served.files, served.desk = page, {**self._viewer, **{f"/{n}": f for n, f in files.items()}}, desk
+        served.hear, served.named = staticmethod(hear), staticmethod(named or _nobody)
+
+    def look_back(
+        self,
+        file: Path,
+        hear: Callable[[Click], bytes | None],
+        named: Callable[[str], bytes | None],
+        desk: Desk,
+    ) -> None:
+        """Show the recording `file` from now on to whoever loads the page; `desk` still tells pages that are open."""
+        self._show([file.name], hear, {file.name: file}, None, named)
+        served: Any = self._served
+        served.desk = desk
+
     def close(self) -> None:
         """Serve no more."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
         self._folder.cleanup()
+
+
+class Desk(Protocol):
+    """Takes orders for a run that is alive; called from the threads of a page."""
+
+    def status(self, page: str, shown: float | None) -> dict[str, Any]:
+        """Return how the run goes, to a `page` that shows the tick `shown`."""
+        ...
+
+    def order(self, order: str, pace: float | None) -> dict[str, Any]:
+        """Pause, step or pace the run, and return how it goes."""
+        ...
+
+    def do(self, text: str) -> str:
+        """Intervene, and return what was done."""
+        ...
+
+    def focus(self, who: str) -> str:
+        """Bring an agent into focus, and return what the run says."""
+        ...
+
+    def world(self) -> dict[str, Any]:
+        """Return where everything is."""
+        ...
+
+
+def _nobody(who: str) -> None:
+    """Bring nobody into focus."""
 
 
 class _Server(ThreadingHTTPServer):
@@ -105,7 +173,10 @@ class _Handler(BaseHTTPRequestHandler):
     files: Mapping[str, Path]
     token: str
     policy: str
+    words: Mapping[str, Any]
     hear: Callable[[Click], bytes | None]
+    named: Callable[[str], bytes | str | None]
+    desk: Desk | None
     timeout = PATIENCE
     server_version, sys_version = "ecology", ""
 
@@ -129,14 +200,36 @@ class _Handler(BaseHTTPRequestHandler):
         ours = self._ours() and origin in (None, f"http://{self.headers.get('Host')}")
         if not ours or not hmac.compare_digest(token.encode(), self.token.encode()):
             self._send(HTTPStatus.FORBIDDEN)
-        elif urlsplit(self.path).path != "/focus":
+        elif (path := urlsplit(self.path).path) not in ROUTES or (path in LIVE and self.desk is None):
             self._send(HTTPStatus.NOT_FOUND)
-        elif (click := parsed(body)) is None:
+        elif (told := read_body(body, path)) is None:
             self._send(HTTPStatus.BAD_REQUEST)
-        elif layer := self.hear(click):
-            self._send(HTTPStatus.OK, layer)
         else:
-            self._send(HTTPStatus.NO_CONTENT)
+            try:
+                found = self._answer(path, told)
+            except EcologyError as error:
+                self._send(HTTPStatus.CONFLICT, json.dumps({"error": str(error)}).encode(), JSON)
+                return
+            if not found:
+                self._send(HTTPStatus.NO_CONTENT)
+            elif isinstance(found, bytes):
+                self._send(HTTPStatus.OK, found)
+            else:
+                found = {"said": found} if isinstance(found, str) else found
+                self._send(HTTPStatus.OK, json.dumps(found).encode(), JSON)
+
+    def _answer(self, path: str, told: dict[str, Any]) -> bytes | str | dict[str, Any] | None:
+        """Return what is to be said to a post that could be read; EcologyError where it is refused."""
+        if path == "/focus":
+            return self.hear(Click(told["entity"], told["row"], told["tick"]))
+        if path == "/name":
+            return self.named(told["who"])
+        assert self.desk is not None
+        if path == "/status":
+            return self.desk.status(told["page"], told["shown"])
+        if path == "/order":
+            return self.desk.order(told["order"], told["pace"])
+        return self.desk.do(told["do"]) if path == "/do" else self.desk.world()
 
     def _ours(self) -> bool:
         """Return whether this machine was asked for by its own name, through a tunnel or not."""
@@ -174,19 +267,41 @@ class _Handler(BaseHTTPRequestHandler):
         """Say nothing: the terminal is the run's."""
 
 
-def parsed(body: bytes) -> Click | None:
-    """Return the click that a body says, None where it says anything else."""
+def read_body(body: bytes, path: str) -> dict[str, Any] | None:
+    """Return what a post to `path` says, by key; None where it says anything else."""
     try:
         told = json.loads(body) if len(body) <= LONGEST else None
     except (ValueError, RecursionError):
         return None
-    if not isinstance(told, dict) or set(told) != {"entity", "row", "tick"}:
+    kinds = ROUTES[path]
+    if not isinstance(told, dict) or set(told) != set(kinds):
         return None
-    entity, row, tick = told["entity"], told["row"], told["tick"]
-    known = tick is None or (type(tick) in (int, float) and abs(tick) < 2**53)
-    if not isinstance(entity, str) or type(row) is not int or not 0 <= row < 2**31 or not known:
-        return None
-    return Click(entity, row, tick)
+    return told if all(fits(told[key]) for key, fits in kinds.items()) else None
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_row(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 2**31
+
+
+def _is_number(value: Any) -> bool:
+    """Return whether it is a number, or none is known."""
+    return value is None or (type(value) in (int, float) and abs(value) < 2**53)
+
+
+# what may be posted: by path, the keys with what their values must be
+ROUTES: Mapping[str, Mapping[str, Callable[[Any], bool]]] = {
+    "/focus": {"entity": _is_text, "row": _is_row, "tick": _is_number},
+    "/name": {"who": _is_text},
+    "/status": {"page": _is_text, "shown": _is_number},
+    "/order": {"order": _is_text, "pace": _is_number},
+    "/do": {"do": _is_text},
+    "/world": {},
+}
+LIVE = ("/status", "/order", "/do", "/world")  # of a run that is alive
 
 
 def _viewer_files(folder: Path) -> list[Path]:

@@ -29,7 +29,8 @@ from ecology.world import Tick
 
 ROWS = 65_536  # of a part, at most, and of a row group of the joined file
 SECONDS = 30.0  # of the clock between parts, at most
-FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action")
+DEEDS = "interventions"  # column of a run with any: those since the last sampled tick
+FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action", DEEDS)
 MEASURE = "measures."  # before the name of a scenario's measure
 
 
@@ -39,7 +40,8 @@ class Recorder:
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
     name, drive (what is felt of others included), own_drive (without that), reward, action, one per
     measure of the scenario (`measures.NAME`, the same in every row of a tick), and one per number that
-    a mind reports. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
+    a mind reports. A run in which somebody intervened has `interventions` too, what was done since the last sampled
+    tick, null where nothing was. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
 
     def __init__(self, path: Path | str, every: int = 10, *, resume: bool = False) -> None:
@@ -53,6 +55,7 @@ class Recorder:
         )
         self._rows: dict[str, list[np.ndarray]] = {}
         self._count, self._number, self._since = 0, 0, time.monotonic()
+        self._deeds: list[str] = []  # interventions since the last sampled tick
         there = self._path.exists() or self._parts.exists()
         require(
             resume or not there,
@@ -91,6 +94,10 @@ class Recorder:
         self._parts.mkdir(parents=True)
         self._path.replace(self._parts / "part-000000.parquet")
 
+    def intervened(self, state: State, said: str) -> None:
+        """Note what was done from outside: the rows of the next sampled tick have it."""
+        self._deeds.append(f"tick {state.tick}: {said}")
+
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take the rows of a sampled tick."""
         if state.tick % self._every:
@@ -113,6 +120,9 @@ class Recorder:
         }
         for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
             rows[MEASURE + name] = np.full(len(slots), measured)
+        if self._deeds:
+            rows[DEEDS] = np.full(len(slots), "; ".join(self._deeds), object)
+            self._deeds = []
         told: dict[str, np.ndarray] = {}
         for name, span in self._groups:
             for word, value in minds[name].report().items():
@@ -209,6 +219,7 @@ class Recorder:
             "reward": number(rows["reward"]),
             "action": word(self._action_at[species, rows["action"]], self._actions),
             **{name: pa.array(rows[name]) for name in rows if name.startswith(MEASURE)},
+            **{name: pa.array(rows[name].tolist(), pa.string()) for name in rows if name == DEEDS},
         }
         for name, value in rows.items():
             told = name.removeprefix("report ")

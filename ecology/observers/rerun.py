@@ -26,7 +26,8 @@ from ecology.errors import EcologyError
 from ecology.observers import census, maps, relay, shapes
 from ecology.observers.backdrop import open_scene
 from ecology.observers.base import Mind
-from ecology.observers.census import Census, Focus, Happening
+from ecology.observers.census import Census, Choice, Focus, Happening
+from ecology.observers.control import Control
 from ecology.observers.drawing import Drawing
 from ecology.observers.layout import blueprint
 from ecology.observers.readback import recording_id
@@ -79,6 +80,7 @@ class RerunObserver:
         resume: bool = False,
         before: tuple[Sequence[int], Sequence[int]] | None = None,
         wishes: Wishes | None = None,
+        control: Control | None = None,
     ) -> None:
         """Record every `every` ticks, and deviation maps every `maps_every` ticks.
 
@@ -89,6 +91,8 @@ class RerunObserver:
         connect: rerun+http://HOST:PORT/proxy of a viewer elsewhere, which must be open already.
         focus: whom to draw over time: names of agents, a species (shown first), or "hungriest"; the first
         agent of each species otherwise. When one dies, another of its species takes its place.
+        control: of the run's pace, where somebody may set it: is told of decisions and of what was sent. Where it
+        makes the run slow, more ticks are sampled, so that every picture is of the present.
         """
         for word, value in (("every", every), ("maps_every", maps_every)):
             require(
@@ -102,7 +106,7 @@ class RerunObserver:
         self._path = Path(path) if path is not None else None
         self._every, self._maps_every, self._name, self._detail = every, maps_every, name, detail
         self._asked, self._resume, self._before = tuple(focus), resume, before
-        self._wishes = wishes or Wishes()
+        self._wishes, self._control = wishes or Wishes(), control
         require(
             self._path is None or resume or not self._path.exists(),
             f"there is a recording at {str(path)!r} already; choose another folder, or resume that run.",
@@ -130,7 +134,7 @@ class RerunObserver:
             first=self._focus.first,
             told={name: tuple(minds[name].report()) for name in env.groups},
             mapped={name: self._deviation(name) is not None for name in env.groups},
-            decides={name: self._decision(name, None) is not None for name in env.groups},
+            decides={name: bool(env.groups[name].size) and self._minds[name].decides for name in env.groups},
             coupled=tuple(name for name in env.groups if env.coupling(name) is not None),
             measures=tuple(scenario.measures),
             grows=env.open_population,
@@ -149,21 +153,31 @@ class RerunObserver:
         self._happened: list[Happening] = []
         self._told: set[str] = set()  # species whose focus is another since the last sample
         self._past: dict[str, census.Past] = {name: census.Past() for name in scene.groups}
+        self._decided: dict[str, list[Choice]] = {name: [] for name in scene.groups}  # since the last sample
+        self._follow()
         self._since = time.monotonic()
-        self._next_map, self._sampled = 0, 0
+        self._next_map, self._sampled, self._shown = 0, 0, -1
+        self._tick: Tick | None = None  # the last one
+        self._did = (-1, -1)  # slot and action of the one that is shown first
+        self._deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
         self._sample(state, None)
         self._map(state)
         self._send()
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
-        sampled = state.tick % self._every == 0
+        self._tick = tick
+        sampled = state.tick % self._every == 0 or self._is_slow()
         turned = sampled and self._heed(state)
-        self._told.update(self._focus.look(state, anew=turned or state.tick % FOCUS_TICKS == 0))
+        self._refocus(state, anew=turned or state.tick % FOCUS_TICKS == 0)
         slots = np.array(list(self._focus.slots.values()), np.int64)
         self._happened += self._census.watch(state, tick, None if self._scene.few else slots[slots >= 0])
         for name, past in self._past.items():
             past.follow(self._focus.serials[name], state.drive[self._focus.slots[name]])
+        for name in self._scene.groups:
+            self._decide(name, state, sampled=sampled)
+        if self._control and self._has_decided(state):
+            self._control.decided()
         if not sampled:
             self._steps.append(self._placed(state))
             return
@@ -174,18 +188,48 @@ class RerunObserver:
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
 
+    def intervened(self, state: State, said: str) -> None:
+        """Note what was done from outside: an event."""
+        self._deeds.append((state.tick, state.time, said))
+
+    def held(self) -> None:
+        """Show the world as it stands while the run waits."""
+        state = self._env.state_view
+        turned = self._heed(state)
+        if not (turned or self._deeds or state.tick != self._shown):
+            return
+        self._refocus(state, anew=turned)
+        for name in self._scene.groups if self._tick is not None else ():
+            self._decided[name] = [each for each in self._decided[name] if each.tick != state.tick]
+            self._decide(name, state, sampled=True)
+        self._sample(state, self._tick)
+        if turned:
+            self._map(state)
+        self._send()
+
+    def _refocus(self, state: State, *, anew: bool) -> None:
+        """Find who is in focus."""
+        changed = self._focus.look(state, anew=anew)
+        self._told.update(changed)
+        if changed:
+            self._follow()
+
+    def _is_slow(self) -> bool:
+        """Return whether a picture is due before the next sample of the recording."""
+        return self._control is not None and time.monotonic() - self._since > 2 * SECONDS_LIVE
+
     def _heed(self, state: State) -> bool:
         """Turn to those whom somebody wishes to see, where they live; say whether there were any."""
         words = [name for click in self._wishes.clicks() if (name := self._focus.clicked(self._env, click))]
         for word in words:
             self._focus.turn(self._env, word)
-        if (asked := self._wishes.word()) is not None:
+        for asked, answer in self._wishes.words():
             try:
                 self._focus.turn(self._env, asked)
-                self._wishes.answer(asked, f"{asked} is in focus from tick {state.tick} on", done=True)
+                answer(f"{asked} is in focus from tick {state.tick} on", True)
                 words.append(asked)
             except EcologyError as error:
-                self._wishes.answer(asked, str(error), done=False)
+                answer(str(error), False)
         if self._scene.crowd and self._focus.first != self._scene.first:
             self._scene.first = self._focus.first
             self._lay_out()
@@ -217,6 +261,8 @@ class RerunObserver:
         state = self._env.state_view
         if state.tick > self._mapped_at and state.tick % self._every == 0:
             self._map(state)
+        if self._deeds:  # since the last sample
+            self._sample(state, self._tick)
         self._send()
         rec, self._rec = self._rec, None
         try:
@@ -293,6 +339,7 @@ class RerunObserver:
             "stock": shapes.fullness(scene.scenario, state).astype(np.float32),
             "told": told,
             "happened": self._happened,
+            "deeds": self._deeds,
             "focus": {name: self._look(name, state, tick) for name in scene.groups},
             "born": self._census.born.copy(),
             "died": self._census.died.copy(),
@@ -304,7 +351,9 @@ class RerunObserver:
             sample["coupling"] = {name: self._coupling(name, state) for name in scene.coupled}
         self._samples.append(sample)
         self._sampled += 1
+        self._shown, self._deeds = state.tick, []
         self._steps, self._happened, self._told = [], [], set()
+        self._decided = {name: [] for name in scene.groups}
 
     def _look(self, name: str, state: State, tick: Tick | None) -> dict[str, Any]:
         """Return what is shown of the agent in focus of a species."""
@@ -317,23 +366,49 @@ class RerunObserver:
         gap = plane_of(self._scene.scenario.arena).gap(state.position[slot], seen)
         shown["sight"] = state.position[slot] + gap
         shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]))
-        decision = self._decision(name, tick) if tick is not None else None
-        if decision is not None:
-            shown["decision"] = decision
-            shown["error"] = np.asarray(decision["error"], float)
-            shown["met"] = past.judge(state.tick, state.time, float(decision["gamma"]), self._env.dt)
+        shown["own"] = float(state.own_drive[slot])
+        shown["choices"] = self._decided[name]
+        if tick is not None and self._decided[name]:
+            decision, row = self._decided[name][-1].decision, slot - self._scene.groups[name].slots.start
+            value = self._minds[name].deviation(row, tick.observations[name][row : row + 1])
+            shown["J"] = decision.value if value is None else float(value[0])
+            shown["error"] = np.asarray(decision.error, float)
+            shown["met"] = past.judge(state.tick, state.time, float(decision.gamma), self._env.dt)
         return shown
 
-    def _decision(self, name: str, tick: Tick | None) -> dict[str, Any] | None:
-        """Return what the focus of a species weighs now; without a tick, whether it could."""
-        group = self._env.groups[name]
-        row = self._focus.slots[name] - group.slots.start
-        if not group.size or (tick is not None and row < 0):
-            return None
-        if tick is None:
-            zeta = np.zeros(len(group.layout.names), np.float32)
-            return self._minds[name].decision(0, zeta, np.ones(len(group.actions), bool))
-        return self._minds[name].decision(row, tick.observations[name][row], tick.masks[name][row])
+    def _follow(self) -> None:
+        """Let the minds keep the decisions of those in focus."""
+        for name, group in self._scene.groups.items():
+            if self._scene.decides[name]:
+                slot = self._focus.slots[name]
+                self._minds[name].follow([slot - group.slots.start] if slot >= 0 else [])
+
+    def _decide(self, name: str, state: State, *, sampled: bool) -> None:
+        """Note the decision of the focus of a species at a sample, and where it has just been made."""
+        slot = self._focus.slots[name]
+        if slot < 0 or not self._scene.decides[name]:
+            return
+        decision = self._minds[name].decision(slot - self._scene.groups[name].slots.start)
+        if decision is not None and (sampled or decision.age == 1):
+            self._decided[name].append(Choice(state.tick, state.time, self._focus.name(name), decision))
+
+    @property
+    def focus(self) -> str:
+        """Return the name of the agent whose life is shown first."""
+        name = self._focus.first or next(iter(self._scene.groups), "")
+        return self._focus.name(name) if name else "nobody"
+
+    def _has_decided(self, state: State) -> bool:
+        """Return whether the agent that is shown first made a decision in this tick, or does something else now."""
+        name = self._focus.first or next(iter(self._scene.groups), "")
+        slot = self._focus.slots.get(name, -1)
+        before, self._did = self._did, (slot, int(state.action[slot]))
+        if slot < 0:
+            return False
+        if self._scene.decides[name]:
+            made = self._minds[name].decision(slot - self._scene.groups[name].slots.start)
+            return made is not None and made.age == 1
+        return self._did != before
 
     def _coupling(self, name: str, state: State) -> np.ndarray | None:
         """Return the weights with which the first living feel the first living of each species, (n, m)."""
@@ -365,6 +440,8 @@ class RerunObserver:
         self._since = time.monotonic()
         if samples:
             self._show("draw", samples)
+            if self._control:
+                self._control.sent(samples[-1]["tick"])
 
     def _show(self, what: str, *arguments: Any) -> None:
         """Draw in the recording, and hand the same to the viewer elsewhere."""

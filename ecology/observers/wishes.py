@@ -7,21 +7,18 @@ the run answers in.
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
-import time
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 
 from ecology.errors import EcologyError
+from ecology.observers.mailbox import PATIENCE, PAUSE, Mailbox, request
 
 AGENTS = "/world/agents"  # below it every species is an entity whose instances are its slots
-FILE = "focus.json"  # in the run's folder, while somebody waits for an answer
+KIND, FILE = "focus", "focus.json"  # of requests, and in the run's folder while somebody waits for an answer
 KEPT = 16  # clicks that may wait for a sample; of more, the last
-PATIENCE, PAUSE = 60.0, 0.1  # seconds granted to a run to answer, and between two looks
 
 
 @dataclass(frozen=True)
@@ -39,14 +36,46 @@ class Wishes:
     def __init__(self, folder: Path | None = None) -> None:
         """Take clicks, and with a `folder` the words that `ask` leaves there from now on."""
         self._clicks: deque[Click] = deque(maxlen=KEPT)
-        self._file = None if folder is None else folder / FILE
-        if self._file is not None:
-            with contextlib.suppress(OSError):  # of a run before, whose asker was killed
-                self._file.unlink()
+        self._names: deque[tuple[str, Future[str]]] = deque()
+        self._mailbox = None if folder is None else Mailbox(folder, KIND)
 
     def click(self, click: Click) -> None:
         """Wish for who was clicked."""
         self._clicks.append(click)
+
+    def hear(self, click: Click) -> None:
+        """Wish for who was clicked; there is nothing to be drawn at once."""
+        self.click(click)
+
+    def name(self, word: str, patience: float = PATIENCE) -> str:
+        """Wish for `word` from another thread, and return what the run says; EcologyError where it refuses."""
+        answer: Future[str] = Future()
+        self._names.append((word, answer))
+        try:
+            return answer.result(patience)
+        except TimeoutError as error:
+            raise EcologyError("the run has not answered; it is slow, or over.") from error
+
+    def words(self) -> list[tuple[str, Callable[[str, bool], None]]]:
+        """Return the words that wait, each with what takes its answer and whether it was done."""
+        found: list[tuple[str, Callable[[str, bool], None]]] = []
+        while self._names:
+            word, waits = self._names.popleft()
+
+            def tell(said: str, done: bool, waits: Future[str] = waits) -> None:
+                if done:
+                    waits.set_result(said)
+                else:
+                    waits.set_exception(EcologyError(said))
+
+            found.append((word, tell))
+        if (asked := self.word()) is not None:
+
+            def reply(said: str, done: bool, asked: str = asked) -> None:
+                self.answer(asked, said, done=done)
+
+            found.append((asked, reply))
+        return found
 
     def clicks(self) -> list[Click]:
         """Return the clicks since the last time."""
@@ -57,17 +86,12 @@ class Wishes:
 
     def word(self) -> str | None:
         """Return the word that waits for an answer, None without one."""
-        if self._file is None or not os.path.exists(self._file):
-            return None
-        told = _read(self._file)
-        word = told.get("focus")
-        return word if isinstance(word, str) and "answer" not in told else None
+        return None if self._mailbox is None else self._mailbox.waiting()
 
     def answer(self, word: str, said: str, *, done: bool) -> None:
         """Tell who asked for `word` what has become of it."""
-        if self._file is not None:
-            with contextlib.suppress(OSError):  # who asked may be gone
-                _write(self._file, {"focus": word, "answer": said, "done": done})
+        if self._mailbox is not None:
+            self._mailbox.answer(word, said, done=done)
 
 
 def ask(folder: Path, word: str, lives: Callable[[], bool], patience: float = PATIENCE) -> str:
@@ -75,43 +99,13 @@ def ask(folder: Path, word: str, lives: Callable[[], bool], patience: float = PA
 
     Raises EcologyError where the run refuses, has ended or does not answer.
     """
-    file = folder / FILE
-    try:
-        _write(file, {"focus": word})
-        until = time.monotonic() + patience
-        while time.monotonic() < until:
-            told = _read(file)
-            if told.get("focus") == word and "answer" in told:
-                if told.get("done"):
-                    return str(told["answer"])
-                raise EcologyError(str(told["answer"]))
-            if not lives():
-                raise EcologyError(
-                    f"no run is alive in {str(folder)!r}; of one that was recorded, look by "
-                    f"`ecology view {folder} --focus {word}`."
-                )
-            time.sleep(PAUSE)
-    except OSError as error:
-        raise EcologyError(f"the folder {str(folder)!r} cannot be written ({error.strerror or error}).") from error
-    finally:
-        with contextlib.suppress(OSError):
-            file.unlink()
-    raise EcologyError(
-        f"the run in {str(folder)!r} did not answer within {patience:.0f} seconds: it is slow, or neither recorded "
-        "nor watched; ask again, or start it with --view or --serve."
+    return request(
+        folder,
+        KIND,
+        word,
+        lives,
+        ended=f"of one that was recorded, look by `ecology view {folder} --focus {word}`.",
+        silent="it is slow, or neither recorded nor watched; ask again, or start it with --view or --serve.",
+        patience=patience,
+        pause=PAUSE,
     )
-
-
-def _read(file: Path) -> dict[str, object]:
-    """Return what the file says, nothing where it is not there or garbage."""
-    try:
-        told = json.loads(file.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return told if isinstance(told, dict) else {}
-
-
-def _write(file: Path, told: dict[str, object]) -> None:
-    beside = file.with_name(f"{file.name}.{os.getpid()}")
-    beside.write_text(json.dumps(told), encoding="utf-8")
-    beside.replace(file)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import signal
+import tempfile
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,25 +18,55 @@ from ecology.lab.runs.folder import METRICS, RECORDING
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.stopping import StoppedError
 from ecology.observers.base import Mind, Observer
+from ecology.observers.control import Control
 from ecology.observers.wishes import Wishes
 
 if TYPE_CHECKING:
+    from ecology.observers.hindsight import Hindsight
     from ecology.observers.page import Page
+    from ecology.observers.rerun import RerunObserver
 
 
 def live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
-    """Live a run to its end, with progress, and say what it came to."""
+    """Live a run to its end, with progress, and say what it came to; serve its page until Ctrl-C."""
     if not quiet:
         observers.append(Progress(it.tally, it.plan.ticks))
-    try:
-        summary = it.live(observers)
-    except StoppedError as stopped:
+    audience = next((each for each in observers if isinstance(each, Audience)), None)
+    with contextlib.ExitStack() as at_end:
+        if audience is not None:
+            at_end.callback(audience.close)
+        try:
+            summary = it.live(observers)
+        except StoppedError as stopped:
+            if not quiet:
+                with contextlib.suppress(OSError):  # a terminal that hung up
+                    print(f"stopped by {stopped} at tick {it.tally.tick}; go on with: {it.resume_command()}")
+            raise
         if not quiet:
-            with contextlib.suppress(OSError):  # a terminal that hung up
-                print(f"stopped by {stopped} at tick {it.tally.tick}; go on with: {it.resume_command()}")
-        raise
-    if not quiet:
-        print_summary(it.folder, summary)
+            print_summary(it.folder, summary)
+        if audience is not None and audience.url is not None:
+            look_back(it, audience)
+
+
+def look_back(it: Run, audience: Audience) -> None:
+    """Serve the recording of a run that is over at the address of its page, until Ctrl-C."""
+    with contextlib.ExitStack() as stack:
+        if it.plan.record:
+            from ecology.observers import viewer
+            from ecology.observers.hindsight import Hindsight
+
+            past = Hindsight(stack.enter_context(viewer.complete(it.folder)), it.scenario, it.folder.absolute().name)
+            kept = Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING
+            audience.look_back(past.shown(None, kept), past)
+        print(f"the page is still there: {audience.url}\nstop with Ctrl-C", flush=True)
+        with contextlib.suppress(KeyboardInterrupt):
+            wait()
+
+
+def wait() -> None:
+    """Wait for Ctrl-C, or to be ended."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    threading.Event().wait()
 
 
 def make_observers(
@@ -45,6 +78,9 @@ def make_observers(
     port: int | None = None,
     connect: str | None = None,
     focus: Sequence[str] = (),
+    paused: bool = False,
+    pace: float | None = None,
+    patient: bool = True,
 ) -> list[Observer]:
     """Return those who record and show the run."""
     from ecology.observers.census import Focus
@@ -54,6 +90,8 @@ def make_observers(
         raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
     Focus.of(it.env, focus)  # whom nobody can be is told before anything is written
     wishes = Wishes(it.folder)
+    if serve:
+        it.control = Control(paused=paused, pace=pace, patient=patient)
     if it.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
@@ -73,10 +111,11 @@ def make_observers(
             resume=resume,
             before=it.born_and_died(),
             wishes=wishes,
+            control=it.control,
         )
         observers.append(rerun)
         if rerun.url is not None:
-            observers.append(Audience(rerun.url, wishes, view=view, serve=serve, port=port))
+            observers.append(Audience(it, rerun, wishes, view=view, serve=serve, port=port))
     return observers
 
 
@@ -90,39 +129,121 @@ def web_port(port: int | None) -> int:
 
 
 class Audience:
-    """Opens viewers on a run that serves, an observer: the viewer itself, or a page that tells of clicks."""
+    """Opens viewers on a run that serves, an observer: the viewer itself, or a page with the controls of the run."""
 
-    def __init__(self, url: str, wishes: Wishes, *, view: bool, serve: bool, port: int | None = None) -> None:
+    def __init__(self, it: Run, rerun: RerunObserver, wishes: Wishes, *, view: bool, serve: bool, port: int | None):
         from ecology.observers.viewer import needs_display
 
         if view:
             needs_display("use --serve and look from a browser")
         self.port = web_port(port) if serve else None
-        self._url, self._wishes, self._view = url, wishes, view
+        self._run, self._rerun, self._wishes, self._view = it, rerun, wishes, view
         self._page: Page | None = None
+        self._state: State | None = None
+        self._over = False
+
+    @property
+    def url(self) -> str | None:
+        """Return the address of the page, None without one."""
+        return None if self._page is None else self._page.url
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Open them: what they attach to is there by now."""
         from ecology.observers import viewer
         from ecology.observers.page import Page
 
+        self._state, source = env.state_view, self._rerun.url
+        assert source is not None
         if self._view:
-            viewer.attach(self._url)
+            viewer.attach(source)
         if self.port is not None:
+            name = self._run.folder.absolute().name
             try:
-                self._page = Page([self._url], self._wishes.click, dt=env.dt, port=self.port)
-                print(f"watch in a browser: {self._page.url}")
+                self._page = Page([source], self._wishes.hear, dt=env.dt, port=self.port, desk=self, name=name)
+                print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
-            print(f"watch in a viewer: rerun --connect {self._url}")
+            print(f"watch in a viewer: rerun --connect {source}", flush=True)
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Leave the watching to the viewers."""
+        self._state = state
+
+    def intervened(self, state: State, said: str) -> None:
+        """Take the state after an intervention."""
+        self._state = state
 
     def end(self) -> None:
+        """Tell pages that the run is over; they stay until `close`."""
+        self._over = True
+
+    def look_back(self, recording: Path, past: Hindsight) -> None:
+        """Show a recording of the run to whoever loads the page from now on."""
+        if self._page is not None:
+            self._page.look_back(recording, past.hear, past.named, self)
+
+    def close(self) -> None:
         """Serve browsers no more; a viewer that was opened stays."""
         if self._page is not None:
             self._page.close()
+
+    # ---- for the page, in its threads --------------------------------------------------------
+
+    def status(self, page: str, shown: float | None) -> dict[str, Any]:
+        """Return how the run goes, to a `page` that shows the tick `shown`."""
+        control, state = self._run.control, self._state
+        assert control is not None
+        assert state is not None
+        control.seen(page, shown)
+        alive = {name: int(state.alive[g.slots].sum()) for name, g in self._run.env.groups.items() if g.size}
+        more = {"ticks": self._run.plan.ticks, "alive": alive, "focus": self._rerun.focus, "over": self._over}
+        return {**control.status(), "tick": state.tick, **more, "folder": str(self._run.folder)}
+
+    def order(self, order: str, pace: float | None) -> dict[str, Any]:
+        """Pause, step or pace the run."""
+        self._check_alive()
+        assert self._run.control is not None
+        self._run.control.order(order, pace)
+        return self._run.control.status()
+
+    def do(self, text: str) -> str:
+        """Intervene."""
+        self._check_alive()
+        return self._run.do(text)
+
+    def focus(self, who: str) -> str:
+        """Bring an agent into focus."""
+        self._check_alive()
+        return self._wishes.name(who)
+
+    def world(self) -> dict[str, Any]:
+        """Return the walls, and where resources and agents are, with their radii and colours."""
+        from ecology.observers import colours, shapes
+
+        state, scenario, env = self._state, self._run.scenario, self._run.env
+        assert state is not None
+        resources, row = [], 0
+        for resource, shade in zip(scenario.resources, colours.resource_colours(scenario), strict=True):
+            for patch in range(resource.count):
+                name = f"{resource.name}.{patch}" if resource.count > 1 else resource.name
+                x, y = state.resource_position[row].tolist()
+                resources.append({"name": name, "x": x, "y": y, "radius": resource.radius, "colour": list(shade)})
+                row += 1
+        agents = []
+        for species, group in zip(scenario.species, env.groups.values(), strict=True):
+            shade = colours.species_colour(group.index, alone=len(env.groups) == 1)
+            for slot in range(group.slots.start, group.slots.stop):
+                if state.alive[slot]:
+                    x, y = state.position[slot].tolist()
+                    who = f"{species.name}_{int(state.serial[slot])}"
+                    radius = shapes.radius(scenario, species)
+                    agents.append({"name": who, "x": x, "y": y, "radius": radius, "colour": list(shade)})
+        walls = [list(map(float, corner)) for corner in scenario.arena.vertices]
+        return {"walls": walls, "resources": resources, "agents": agents, "tick": state.tick}
+
+    def _check_alive(self) -> None:
+        if self._over:
+            raise EcologyError("the run is over.")
 
 
 def print_summary(folder: Path, summary: Mapping[str, Any]) -> None:

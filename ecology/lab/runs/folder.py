@@ -19,7 +19,9 @@ SUMMARY, CHECKPOINT, METRICS, RECORDING = "summary.json", "checkpoint", "metrics
 EVALUATION, FIGURES = "evaluation.json", "figures"
 LOCK = ".lock"  # file that the process that writes to the folder has locked
 KEPT = "checkpoints"  # folder of those that are kept for good, each under its tick
-WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES)  # what a run folder holds
+INTERVENTIONS = "interventions.jsonl"  # what was done to it from outside
+# what a run folder holds
+WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES, INTERVENTIONS)
 
 
 def write_json(path: Path, value: Any) -> None:

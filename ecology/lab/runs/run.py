@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from ecology import Ecology, EcologyError, Scenario, State, Tick, agents, faults
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError, Learner
 from ecology.errors import writable
+from ecology.interventions import intervene, split
 from ecology.lab.runs import source
 from ecology.lab.runs.folder import (
     CHECKPOINT,
@@ -25,12 +28,17 @@ from ecology.lab.runs.folder import (
     replace_text,
     write_json,
 )
+from ecology.lab.runs.interventions import Schedule
 from ecology.lab.runs.run_config import Choice, Plan, read_config, resolve, words_of, world_digest
 from ecology.lab.runs.stopping import Interrupt, StoppedError
 from ecology.observers.base import Mind, Observer
+from ecology.observers.control import Control
+from ecology.observers.mailbox import Mailbox
 from ecology.state import CAUSES
 
 BLOCKS = 2**16  # in which the ticks of a run are summed up: one tick each, then two, four, ...
+DO = "do"  # kind of the requests of `ecology do`
+LOOK = 0.1  # seconds between two looks for requests of other processes
 LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
 
 
@@ -295,6 +303,14 @@ class Run:
             self.tick = self.env.reset_arrays(plan.seed)
             self.tally = Tally(self.scenario, self.env, self.learners, every=plan.record_every, last=plan.ticks)
         self.stopped_by: str | None = None
+        self.control: Control | None = None  # of the pace, where somebody may set it
+        self.schedule = Schedule(folder)
+        self.frozen: set[str] = set()  # species that do not learn
+        self._living: int | None = None  # thread in which the run lives
+        self._observers: Sequence[Observer] = ()
+        self._interrupt = Interrupt()
+        self._mailbox: Mailbox | None = None
+        self._look = 0.0  # by the clock, when requests of other processes are looked for
         self._saved = 0  # tick of the last checkpoint
         self._resumed = False
         self._previous = False  # whether it goes on from the checkpoint before the last
@@ -329,6 +345,7 @@ class Run:
                 self.save(self.folder / KEPT / str(self.now))
                 self.save()
             replace_text(self.folder / CONFIG, text)
+            self.schedule.write()
 
     def restore(self, *, previous: bool = False) -> None:
         """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit."""
@@ -358,6 +375,8 @@ class Run:
 
     def become(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Become what `parts` returned; whatever is raised where they do not fit."""
+        self.schedule.done = min(int(parts["run"][1].get("interventions", 0)), len(self.schedule.entries))
+        self.frozen = set(parts["run"][1].get("frozen", []))
         self.tally.restore(*parts["tally"])
         for species, learner in self.learners.items():
             learner.restore(*parts[f"learner_{species}"])
@@ -394,12 +413,14 @@ class Run:
 
         Raises StoppedError where a signal came, EcologyError where a network diverged or a user's own code failed.
         """
-        interrupt = Interrupt()
+        interrupt = self._interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
         with writable(self.folder), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
+            at_end.enter_context(self._lives(observers))
+            self._mailbox = Mailbox(self.folder, DO)
             first: tuple[Observer, ...] = (interrupt, self.tally)
             for watcher in (*first, *observers):  # the last to begin is the first to end
                 if watcher is self.tally and not self.now:
@@ -417,7 +438,7 @@ class Run:
                 while self.now < last:
                     ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
                     self.tick = loop.advance(
-                        self.env, self.learners, self.tick, ticks, watchers, clock=time.process_time
+                        self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between
                     )
                     self._keep(observers)
                     if keep and self.now % keep == 0:
@@ -461,10 +482,126 @@ class Run:
             getattr(observer, "flush", lambda: None)()
         self.save()
 
+    # ---- between two ticks -----------------------------------------------------------------
+
+    def do(self, text: str) -> str:
+        """Intervene between two ticks, as `ecology.interventions` describes it; return what was done.
+
+        May be called before the run lives and, while it lives, from any thread, which then waits for the end of the
+        tick. An observer of the run, which cannot wait, is returned nothing; it is done when all have watched. Raises
+        EcologyError, nothing being changed, where it does not fit the world.
+        """
+        split(text)
+        if self._living is None:
+            self.tick = self._serve(self.tick)
+            self.tick, said = self._do(text)
+            return said
+        if self._living == threading.get_ident():
+            self.schedule.add(self.now, text)
+            self.schedule.write()
+            return ""
+        answer: Future[str] = Future()
+        self.schedule.requests.put((text, answer))
+        return answer.result()
+
+    def _do(self, text: str) -> tuple[Tick, str]:
+        """Do an intervention that is not in the schedule, and write it there; return what is perceived then."""
+        self.schedule.add(self.now, text)
+        try:
+            found = self._do_next(text)
+        except EcologyError:
+            self.schedule.drop()
+            raise
+        self.schedule.write()
+        return found
+
+    def _do_next(self, text: str) -> tuple[Tick, str]:
+        """Do the next intervention of the schedule."""
+        effect = intervene(self.env, text)
+        for species, learner in self.learners.items():
+            rows = self.env.groups[species].slots
+
+            def mine(slots: tuple[int, ...], rows: slice = rows) -> np.ndarray:
+                return np.array([slot - rows.start for slot in slots if rows.start <= slot < rows.stop], np.int64)
+
+            if (slots := mine(effect.died)).size:
+                learner.died(slots)
+            if (slots := mine(effect.born)).size:
+                learner.born(slots, np.full(len(slots), -1))
+            if (slots := mine(effect.changed)).size:
+                learner.interrupted(slots)
+            if species in effect.learning:
+                learner.learning = effect.learning[species]
+                learner.begin()
+                self.frozen = (self.frozen | {species}) - ({species} if learner.learning else set())
+        self.schedule.done += 1
+        for observer in self._observers:
+            if (told := getattr(observer, "intervened", None)) is not None:
+                told(self.env.state_view, effect.said)
+        return effect.tick, effect.said
+
+    def _between(self, tick: Tick) -> Tick:
+        """Do what is to be done after a tick, and wait for as long as the control says; return what is perceived."""
+        control = self.control
+        while True:
+            tick = self._serve(tick)
+            if control is None:
+                return tick
+            control.advanced(self.now)
+            if not (seconds := control.hold(self.now)):
+                return tick
+            if control.held:
+                for observer in self._observers:
+                    getattr(observer, "held", lambda: None)()
+            self._interrupt.check()
+            control.wait(seconds)
+
+    def _serve(self, tick: Tick) -> Tick:
+        """Do what is scheduled for now, and what others ask for."""
+        while (entry := self.schedule.due(self.now)) is not None:
+            try:
+                tick, _ = self._do_next(entry.do)
+            except EcologyError as error:
+                raise EcologyError(
+                    f"intervention {self.schedule.done + 1} of the schedule, {entry.do!r} at tick {entry.tick}: {error}"
+                ) from error
+        while not self.schedule.requests.empty():
+            text, answer = self.schedule.requests.get()
+            try:
+                tick, said = self._do(text)
+                answer.set_result(said)
+            except BaseException as error:
+                answer.set_exception(error)
+                if not isinstance(error, EcologyError):
+                    raise
+        if self._mailbox is not None and time.monotonic() >= self._look:
+            self._look = time.monotonic() + LOOK
+            if (text_ := self._mailbox.waiting()) is not None:
+                try:
+                    tick, said = self._do(text_)
+                    self._mailbox.answer(text_, f"tick {self.now}: {said}", done=True)
+                except EcologyError as error:
+                    self._mailbox.answer(text_, str(error), done=False)
+        return tick
+
+    @contextlib.contextmanager
+    def _lives(self, observers: Sequence[Observer]) -> Iterator[None]:
+        """Let the run be asked for interventions, and its learners learn or not as it was left."""
+        self._living, self._observers = threading.get_ident(), tuple(observers)
+        for species in self.frozen:
+            self.learners[species].learning = False
+        try:
+            yield
+        finally:
+            self._living, self._observers, self._mailbox = None, (), None
+            self.schedule.refuse("the run is over.")
+
     def parts(self) -> dict[str, checkpoint.Part]:
         """Return all that the run has become: what a checkpoint holds."""
+        done = {"interventions": self.schedule.done} if self.schedule.done else {}
+        frozen = {"frozen": sorted(self.frozen)} if self.frozen else {}
         return {
-            "run": ({}, {"words": self._words()}),
+            "run": ({}, {"words": self._words(), **done, **frozen}),
             "tally": self.tally.state(),
             "world": self.env.snapshot(),
         } | {f"learner_{species}": learner.state() for species, learner in self.learners.items()}
@@ -477,13 +614,14 @@ class Run:
 
     def live_on(self, at: int, observers: Sequence[Observer] = ()) -> None:
         """Live to the tick `at` and write nothing; StoppedError where a signal came."""
-        interrupt = Interrupt()
+        interrupt = self._interrupt = Interrupt()
         with self._faults_told(kept=False), contextlib.ExitStack() as at_end:
+            at_end.enter_context(self._lives(observers))
             for watcher in (interrupt, *observers):
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)
             watchers = (self.tally, *observers, interrupt)
-            self.tick = loop.advance(self.env, self.learners, self.tick, at - self.now, watchers)
+            self.tick = loop.advance(self.env, self.learners, self.tick, at - self.now, watchers, between=self._between)
 
     def summary(self) -> dict[str, Any]:
         """Return what summary.json holds."""
@@ -495,6 +633,8 @@ class Run:
         }
         if self.stopped_by is not None:
             head |= {"stopped_at": self.tally.tick, "stopped_by": self.stopped_by}
+        if self.schedule.done:
+            head |= {"interventions": self.schedule.done}
         if self.plan.forked:
             at = self.plan.forked["at"]
             head |= {"forked_at": at, "mean_drive_since_fork": self.tally.mean_drive(at)}
@@ -563,4 +703,6 @@ def open_run(folder: Path, ticks: int | None = None, device: str | None = None, 
     Its learners compute on the run's device, or on another: a checkpoint holds the same whatever wrote it. For
     `choice` see `read_plan`.
     """
-    return Run(read_plan(folder, ticks, device, choice), folder)
+    run = Run(read_plan(folder, ticks, device, choice), folder)
+    run.schedule.read()
+    return run

@@ -36,13 +36,17 @@ class Interrupt:
                 if signum is not None and (name != "SIGHUP" or signal.getsignal(signum) is not signal.SIG_IGN):
                     self._before[signum] = signal.signal(signum, self._heard)
 
+    def check(self) -> None:
+        """Stop the run where a signal has come."""
+        if self._signum:
+            raise StoppedError(self._signum)
+
     def _heard(self, signum: int, frame: FrameType | None) -> None:
         self._signum = signum
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Stop the run where a signal has come."""
-        if self._signum:
-            raise StoppedError(self._signum)
+        self.check()
 
     def end(self) -> None:
         """Put the signals' former handlers back."""

@@ -42,6 +42,10 @@ def command(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/SCENARIO-SEED")] = None,
     config: Annotated[Path | None, typer.Option(help="config.toml of a run to repeat.")] = None,
+    replay: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="interventions.jsonl of another run, whose interventions are repeated."),
+    ] = None,
     resume: Annotated[Path | None, typer.Option(help="Folder of a run to resume.")] = None,
     previous: Annotated[
         bool, typer.Option("--previous", help="With --resume: resume from the checkpoint before the last.")
@@ -50,6 +54,16 @@ def command(
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer on the run.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Show the run in a browser, and let viewers attach.")] = False,
     port: Port = None,
+    paused: Annotated[
+        bool, typer.Option("--paused", help="With --serve: begin paused, before the first tick.")
+    ] = False,
+    pace: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="With --serve: ticks per second.", show_default="as fast as it goes"),
+    ] = None,
+    no_wait: Annotated[
+        bool, typer.Option("--no-wait", help="With --serve: do not wait for pages that are behind.")
+    ] = False,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Address of an open viewer to stream to.")] = None,
     focus: Annotated[
         list[str] | None,
@@ -73,12 +87,15 @@ def command(
     """Run a scenario and write one folder: config, summary, metrics, recording, checkpoint."""
     if resume is not None:
         refuse_with("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
-        refuse_with("--resume", record=record, no_record=no_record or None, keep_every=keep_every)
+        refuse_with("--resume", record=record, no_record=no_record or None, keep_every=keep_every, replay=replay)
     elif previous:
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
     if source is not None and resume is None and config is None:
         raise EcologyError("--source requires --resume RUN or --config FILE: a new run uses the files as they are.")
     check_port(port, serve=serve)
+    for option, given in (("paused", paused), ("pace", pace is not None), ("no-wait", no_wait)):
+        if given and not serve:
+            raise EcologyError(f"--{option} requires --serve.")
     from ecology.lab.cli.live import live, make_observers
     from ecology.lab.runs.folder import lock
     from ecology.lab.runs.run import open_run
@@ -102,9 +119,12 @@ def command(
                 keep_every=keep_every,
                 **_recording_options(record or (), no_record=no_record),
             )
+        if replay is not None:
+            it.schedule.read(replay)
         observers = make_observers(
-            it, resume=resume is not None, view=view, serve=serve, port=port, connect=connect, focus=focus or ()
-        )
+            it, resume=resume is not None, view=view, serve=serve, port=port, connect=connect, focus=focus or (),
+            paused=paused, pace=pace, patient=not no_wait,
+        )  # fmt: skip
         if resume is None:
             it.start()
             stack.enter_context(lock(it.folder))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import tempfile
-import threading
 from pathlib import Path
 from typing import Annotated
 
@@ -39,7 +37,7 @@ def command(
     check_port(port, serve=serve)
     if serve and screenshot is not None:
         raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
-    from ecology.lab.cli.live import web_port
+    from ecology.lab.cli.live import wait, web_port
     from ecology.lab.runs.folder import CONFIG, RECORDING
     from ecology.lab.runs.run import read_plan
     from ecology.observers import viewer  # only here is a viewer looked for
@@ -53,17 +51,25 @@ def command(
                     f"--focus and --serve need the world of a run: there is no {CONFIG} in {str(run)!r}; give "
                     "the folder of the run."
                 )
-            world = read_plan(run, choice=source).load()
-            past = Hindsight(stack.enter_context(viewer.complete(run)), world, run.absolute().name)
+            world, name = read_plan(run, choice=source).load(), run.absolute().name
+            past = Hindsight(stack.enter_context(viewer.complete(run)), world, name)
             run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
         if serve:
             from ecology.observers.page import Page
 
-            page = Page([run.name], past.hear, files={run.name: run}, dt=world.dt, port=web_port(port))
+            page = Page(
+                [run.name],
+                past.hear,
+                files={run.name: run},
+                dt=world.dt,
+                port=web_port(port),
+                name=name,
+                named=past.named,
+            )
             stack.callback(page.close)
             print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
-                _wait()
+                wait()
         elif screenshot is not None:
             from ecology.observers import screenshot as pictures  # slow to load
 
@@ -71,9 +77,3 @@ def command(
             print(f"written: {screenshot}")
         else:
             viewer.view(run)
-
-
-def _wait() -> None:
-    """Wait for Ctrl-C, or to be ended."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    threading.Event().wait()

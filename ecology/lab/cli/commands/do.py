@@ -1,0 +1,45 @@
+"""`ecology do`: intervene in a run that is alive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ecology.errors import EcologyError
+
+ORDER = 6
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that is alive.")],
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="WHAT",
+            help="move AGENT X Y; move RESOURCE[.N] X Y; refill RESOURCE[.N] [STOCK]; empty RESOURCE[.N]; "
+            "put SPECIES X Y; remove AGENT; set AGENT NEED VALUE; empathy SPECIES WEIGHT; learning SPECIES on, or off.",
+        ),
+    ],
+) -> None:
+    """Intervene in a run that is alive, between two of its ticks, and print what was done."""
+    from ecology.interventions import split
+    from ecology.lab.runs.folder import CONFIG, INTERVENTIONS, is_locked
+    from ecology.observers.mailbox import request
+
+    if not (run / CONFIG).is_file():
+        raise EcologyError(f"the folder {str(run)!r} holds no run: there is no {CONFIG} in it.")
+    text = " ".join(what)
+    split(text)
+    print(
+        request(
+            run,
+            "do",
+            text,
+            lambda: is_locked(run),
+            ended=f"to change the past, add a line to {INTERVENTIONS} and repeat the run with "
+            f"`ecology run --config {run}/{CONFIG} --replay {INTERVENTIONS}`.",
+            silent="a tick takes longer than that; look into interventions.jsonl whether it was done.",
+        )
+    )
