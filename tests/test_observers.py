@@ -660,19 +660,18 @@ def test_a_decision_is_the_one_that_is_taken(name):
     mind = minds["agent"]
     tick = advance(env, minds, tick, 600)
     mind.evaluating(0.0)
-    decided = 0
+    mind.follow([0])
+    told = None
     for _ in range(60):
-        zeta, mask = tick.observations["agent"], tick.masks["agent"]
-        before = mind.decisions[0]
-        told = mind.weigh(0, zeta[0], mask[0])
-        action = mind.act(zeta, mask)
+        zeta, before = tick.observations["agent"], mind.decisions[0]
+        action = mind.act(zeta, tick.masks["agent"])
         if mind.decisions[0] > before:
-            decided += 1
+            told = mind.decision(0)
             assert mind.movement[0] == np.where(told.open, told.score, np.inf).argmin() == told.taken
-        assert told.total == pytest.approx(told.next_drive + told.slope)
+            assert told.total == pytest.approx(told.next_drive + told.slope)
+            assert told.value == pytest.approx(float(mind.deviation(0, zeta)[0]))
         tick = env.step_arrays(action)
-    assert decided
-    assert told.value == pytest.approx(float(mind.deviation(0, zeta)[0]))
+    assert told is not None
     error = told.error
     assert error.shape == (len(env.groups["agent"].layout.names),)
     known = error[np.isfinite(error)]
