@@ -20,10 +20,11 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from ecology import elementary
 from ecology.compiler_cache import use_cache
 from ecology.elementary import cosine_and_sine, power
 
-use_cache(__file__)
+use_cache(__file__, elementary.__file__)
 
 F = np.float32
 ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)

@@ -18,13 +18,20 @@ from ecology.errors import EcologyError
 PLACES = ("/dev/shm",)  # tried where Python finds no temporary folder, as in a container without a writable /tmp
 
 
-def use_cache(file: str) -> None:
+def use_cache(file: str, *inlined: str) -> None:
     """Make sure that Numba can keep the compiled functions of the source `file`; call it before its first `njit`.
+
+    Functions of the sources `inlined` are compiled into those of `file`. Numba compiles a source again after it has
+    changed, but does not look at these, so `file` is made as new as they are.
 
     Numba keeps them beside the source, in the user's cache or in NUMBA_CACHE_DIR. Where it can write to none of these,
     NUMBA_CACHE_DIR becomes a temporary folder of this user, for this process and those that it starts. Raises
     EcologyError where no folder can be written.
     """
+    with contextlib.suppress(OSError):  # a folder that cannot be written has not changed
+        newest = max((os.stat(each).st_mtime for each in inlined), default=0.0)
+        if newest > os.stat(file).st_mtime:
+            os.utime(file, (newest, newest))
     if not _can_cache(file):
         folder = str(_temporary_folder())
         os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]

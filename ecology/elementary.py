@@ -4,9 +4,6 @@ NumPy and the C library choose among several implementations by what the process
 bit; from there a whole run differs. These are the reductions and polynomials of fdlibm (Sun Microsystems, 1993) in
 additions, multiplications and divisions that are rounded one by one. They are meant for finite arguments of ordinary
 size: angles up to a million, exponents between -700 and 700. A larger angle is first reduced by whole turns.
-
-The compiler keeps what other files inline from here and does not notice a change of this file: after one, remove the
-`__pycache__` folders.
 """
 
 from __future__ import annotations

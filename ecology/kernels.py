@@ -10,11 +10,12 @@ import math
 import numba
 import numpy as np
 
+from ecology import elementary
 from ecology.compiler_cache import use_cache
 from ecology.elementary import angle_of, cosine_and_sine
 from ecology.state import Bools, Floats, Ints
 
-use_cache(__file__)
+use_cache(__file__, elementary.__file__)
 
 
 @numba.njit(cache=True)

@@ -13,6 +13,7 @@ import json
 import re
 import shutil
 import sys
+import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from ecology.errors import readable
 SOURCE = "source"  # folder in a run's folder
 ORIGINS = "origins.json"  # in it: where each file came from, and its digest
 KEPT, CURRENT = "kept", "current"  # the copies, or the files in their places
+PARSING = threading.Lock()  # Python 3.11 counts the depth of two trees that are read at once as one
 
 
 class Origin(NamedTuple):
@@ -202,7 +204,8 @@ def _imports(file: Path, folder: Path) -> Iterator[str]:
     """Yield the names that a file imports, as seen from `folder`; those of `from a import b` as a and as a.b."""
     package = file.relative_to(folder).parts[:-1]
     try:
-        tree = ast.parse(file.read_bytes())
+        with PARSING:
+            tree = ast.parse(file.read_bytes())
     except (SyntaxError, ValueError):  # a file that Python cannot read, imported when it is too late to say so
         return
     for node in ast.walk(tree):
