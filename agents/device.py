@@ -25,7 +25,9 @@ from ecology.agents.kernels import Ahead, Brains, Draws, Ring, Senses, Trace
 NAMES = r"cpu|mps|cuda(:\d+)?"
 CROWD = 8  # agents from which on work is split over threads
 BLAS = ThreadpoolController()
-WORKERS = int(os.environ.get("NUMBA_NUM_THREADS", 0)) or len(os.sched_getaffinity(0))
+CPUS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+WORKERS = int(os.environ.get("NUMBA_NUM_THREADS", 0)) or CPUS
+before_update: list[Callable[[], object]] = []  # called once, before the first update
 
 
 class Device(ABC):
@@ -162,6 +164,8 @@ class Cpu(Device):
         loss_j: np.ndarray,
         ahead: Ahead,
     ) -> None:
+        while before_update:
+            before_update.pop()()
         self._share(
             lambda a, b: kernels.update(self.senses, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, a, b),
             len(ready),

@@ -292,7 +292,7 @@ class HJB(Learner):
         kinds = np.array(layout.kinds)
         needs, angles, places = kinds == "deviation", kinds == "angle", np.flatnonzero(kinds == "position")
         mix, felt, exponent = drive_terms(layout)
-        mix_from, mix_to = np.nonzero(mix)
+        mix_from, mix_to = map(np.ascontiguousarray, np.nonzero(mix))  # else kernels are compiled for strides too
         can = needs & layout.regulated & (layout.low < 0)  # needs that can be deprived
         deprived = layout.scale[can] if can.any() else layout.scale[needs]
         worst = float(np.sqrt(np.sum(deprived**2))) ** exponent  # drive of total deprivation
@@ -607,6 +607,10 @@ class HJB(Learner):
         """Return the learning rate of every agent, (n,), by its age."""
         s = self.settings
         return np.maximum(s.learning_rate / (1 + self.age * self.group.dt / s.settling), s.learning_rate_final)
+
+    def compile_update(self) -> None:
+        """Compile the update, which the first ticks do without, by updating no agent."""
+        self._update(np.zeros(self.size, bool))
 
     def _update(self, ready: np.ndarray) -> None:
         """Take one gradient step on L_f and L_J for the agents that are `ready` (n,)."""

@@ -46,9 +46,10 @@ STALE = F(1e-4)  # squared distance by which a decision counts as farther per de
 
 Array = Any  # of NumPy, or as another device holds it
 
-FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
+FLAGS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 # no fast mathematics: every operation is rounded as it is written, so all processors give the same bits
-compiled = numba.njit(**FLAGS)
+compiled = numba.njit(**FLAGS)  # called by Python, which takes long to compile where arguments are tuples of arrays
+within = numba.njit(**FLAGS, no_cpython_wrapper=True)  # type: ignore[call-overload]  # called by other kernels alone
 lowered: Any = intrinsic  # to LLVM's own instructions
 
 
@@ -231,7 +232,8 @@ def borrowed(_, group):  # type: ignore[no-untyped-def]
     """Return a tuple with its arrays as views that count no references.
 
     The count is an atomic operation, for which a core waits until all memory that it has asked for is there;
-    there would be hundreds per agent. Only for arguments of a kernel, which its caller keeps alive.
+    there would be hundreds per agent. Only for arguments of a kernel, which its caller keeps alive, and for arrays of
+    its own with `keep_alive` at its end.
     """
 
     def without(context, builder, _, args):  # type: ignore[no-untyped-def]
@@ -244,6 +246,16 @@ def borrowed(_, group):  # type: ignore[no-untyped-def]
         return found
 
     return group(group), without
+
+
+@lowered
+def keep_alive(_, group):  # type: ignore[no-untyped-def]
+    """Do nothing; the arrays of a tuple live until here, and views of them that count no references are valid."""
+
+    def nothing(context, _builder, _, _args):  # type: ignore[no-untyped-def]
+        return context.get_dummy_value()
+
+    return types.void(group), nothing
 
 
 @lowered
@@ -430,7 +442,7 @@ def dot(_, a, b):  # type: ignore[no-untyped-def]
     return types.float32(a, b), work
 
 
-@compiled
+@within
 def multiply(a, b, out):
     """Fill out (R, C) with a (R, K) times b (K, C), whose rows are without gaps; the same bits on every processor."""
     rows, columns = out.shape
@@ -461,7 +473,7 @@ def multiply(a, b, out):
             r += 1
 
 
-@compiled
+@within
 def turned_over(w):
     """Return w (k, H) as (H, k), rows without gaps."""
     found = np.empty((w.shape[1], w.shape[0]), F)
@@ -471,7 +483,7 @@ def turned_over(w):
     return found
 
 
-@compiled
+@within
 def exp32(x):
     """Return e^x for x > -87 within 3e-7 of itself, in instructions that vectorise."""
     biased = np.int32(fused(x, LOG2E, HALF) + BIAS)  # the exponent of the result, as float32 holds it
@@ -481,19 +493,26 @@ def exp32(x):
     return (fused(p, r * r, r) + ONE) * np.int32(biased << np.int32(23)).view(F)
 
 
-@compiled
+@within
 def sigmoid(x):
     """Return 1 / (1 + e^-x)."""
     return ONE / (ONE + exp32(min(max(-x, F(-80)), F(80))))
 
 
-@compiled
+@within
+def copy(source, target):
+    """Copy an array (k,) to another; an assignment would first compile the message for arrays of unequal lengths."""
+    for k in range(len(target)):
+        target[k] = source[k]
+
+
+@within
 def shaped(flat, rows, columns):
     """Return the beginning of a flat array as (rows, columns)."""
     return matrix(flat, 0, rows, columns)
 
 
-@compiled
+@within
 def layers(row, inputs, width):
     """Return w1, b1, w2, b2, w3, b3 as views of one agent's weights."""
     a = inputs * width
@@ -512,7 +531,7 @@ def layers(row, inputs, width):
     )
 
 
-@compiled
+@within
 def features(s, zeta, centres, x):
     """Fill the network inputs x (b, k) of zeta (b, D): plain, cosine and sine, place cells."""
     base = len(s.plain) + 2 * len(s.angle)
@@ -535,7 +554,7 @@ def features(s, zeta, centres, x):
                 bumps[c] = exp32(max(-sharp * (gap_x * gap_x + gap_y * gap_y), FAR))
 
 
-@compiled
+@within
 def raised(x, exponent):
     """Return x^exponent of x > 0."""
     if exponent == HALF:
@@ -543,7 +562,7 @@ def raised(x, exponent):
     return ONE / math.sqrt(x) if exponent == -HALF else F(power(np.float64(x), np.float64(exponent)))
 
 
-@compiled
+@within
 def drive(s, zeta, own):
     """Return d(zeta) for one zeta (D,); `own` (D,) is room to work in."""
     own[:] = ZERO
@@ -556,7 +575,7 @@ def drive(s, zeta, own):
     return raised(total, s.exponent * HALF) + felt
 
 
-@compiled
+@within
 def add_drive_slope(s, zeta, own, slope):
     """Add dd/dzeta at one zeta (D,) to slope (D,); `own` (D,) is room to work in."""
     drive(s, zeta, own)
@@ -569,7 +588,7 @@ def add_drive_slope(s, zeta, own, slope):
         slope[s.mix_from[e]] += factor * own[s.mix_to[e]] * s.mix_weight[e]
 
 
-@compiled
+@within
 def output(row, w, b):
     """Return w . row + b, a single output."""
     if len(row) % LANES == 0:
@@ -580,13 +599,13 @@ def output(row, w, b):
     return total + b
 
 
-@compiled
+@within
 def product(x, w, out):
     """Fill out (b, H) with x (b, k) times w (k, H)."""
     multiply(x, w, out)
 
 
-@compiled
+@within
 def product_back(g, w, out):
     """Fill out (b, k) with g (b, H) times the transpose of w (k, H)."""
     if len(g) > FEW:
@@ -597,7 +616,7 @@ def product_back(g, w, out):
             out[r, k] = output(g[r], w[k], ZERO)
 
 
-@compiled
+@within
 def relu_layer(x, w, b, out):
     """Fill out (b, H) with max(x w + b, 0)."""
     product(x, w, out)
@@ -607,7 +626,7 @@ def relu_layer(x, w, b, out):
             row[h] = max(row[h] + b[h], ZERO)
 
 
-@compiled
+@within
 def silu_layer(x, w, b, out):
     """Fill out (b, H) with silu(x w + b)."""
     product(x, w, out)
@@ -618,7 +637,7 @@ def silu_layer(x, w, b, out):
             row[h] = z * sigmoid(z)
 
 
-@compiled
+@within
 def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked, room, out):
     """Fill out (b, M) with the HJB score of the open movements, drive units; infinity for the others.
 
@@ -682,7 +701,7 @@ def scores(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked, ro
             flat[room.which[r]] += room.keep[r] * value
 
 
-@compiled
+@within
 def alike(s, zeta, where):
     """Return the squared distance between zeta (D,) and a place `where` (W,), in standard deviations."""
     total = ZERO
@@ -695,7 +714,7 @@ def alike(s, zeta, where):
     return total
 
 
-@compiled
+@within
 def recall(s, zeta, now, where, movement, error, time, count, bias, support):
     """Fill `bias` (M, D + 1) with the error of f to be expected at zeta (D,) by movement, from those remembered.
 
@@ -714,7 +733,7 @@ def recall(s, zeta, now, where, movement, error, time, count, bias, support):
             bias[m, v] /= support[m]
 
 
-@compiled
+@within
 def nearest(s, zeta, ring_zeta, lived):
     """Return the position in the ring of the decision nearest to zeta (D,); newer ones count as nearer."""
     capacity = len(ring_zeta)
@@ -733,7 +752,7 @@ def nearest(s, zeta, ring_zeta, lived):
     return found
 
 
-@compiled
+@within
 def look_ahead(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked, memory, ring, room, beam, out):
     """Fill out (M,) with the score of the open movements, the least over what may follow; infinity for the others.
 
@@ -748,7 +767,9 @@ def look_ahead(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked
     k = base + cells
     w1, b1, w2, b2, w3, b3 = layers(f_row, base + centres.shape[1], width)
     nodes = 1
-    beam.state[0], beam.cost[0], beam.keep[0], beam.open[0] = zeta, ZERO, ONE, open_
+    beam.cost[0], beam.keep[0] = ZERO, ONE
+    copy(zeta, beam.state[0])
+    copy(open_, beam.open[0])
     out[:] = np.inf
     for level in range(s.depth):
         x = shaped(room.inputs, nodes, k)
@@ -792,14 +813,14 @@ def look_ahead(s, zeta, open_, f_row, j_row, centres, cells, hope, marks, marked
             break
         nodes = keep_best(s, beam, count)
         for r in range(nodes):
-            beam.open[r] = ring_open[nearest(s, beam.state[r], ring_zeta, lived)]
+            copy(ring_open[nearest(s, beam.state[r], ring_zeta, lived)], beam.open[r])
 
 
-@compiled
+@within
 def keep_best(s, beam, count):
     """Keep the best successor of every first movement, and of the others the best that there is room for."""
     beam.taken[:count] = False
-    nodes = 0
+    nodes = np.int64(0)  # a literal would be compiled for, and then an integer
     for m in range(s.movements):
         best = -1
         for c in range(count):
@@ -816,11 +837,11 @@ def keep_best(s, beam, count):
     return nodes
 
 
-@compiled
+@within
 def keep_one(beam, c, nodes):
     """Make the successor c the next state to look ahead from; return how many there are."""
     beam.taken[c] = True
-    beam.state[nodes] = beam.next_state[c]
+    copy(beam.next_state[c], beam.state[nodes])
     beam.cost[nodes], beam.keep[nodes], beam.root[nodes] = beam.next_cost[c], beam.next_keep[c], beam.next_root[c]
     return nodes + 1
 
@@ -876,7 +897,7 @@ def decide_far(s, brains, ring, trace, slots, ages, zeta, open_, out):
 def expected(s, brains, slots, zeta, movement):
     """Return what f predicts (k, D + 1) of one movement each (k,) of the agents `slots` (k,) at zeta (k, D)."""
     base, width, parts = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1]
-    room = room_for(s, 1, parts, parts + 1, base + brains.cell_centre.shape[2], 1)
+    room = room_for(s, np.int64(1), parts, parts + 1, base + brains.cell_centre.shape[2], np.int64(1))
     out = np.empty((len(slots), parts + 1), F)
     for r in range(len(slots)):
         i = slots[r]
@@ -895,7 +916,7 @@ def expected(s, brains, slots, zeta, movement):
     return out
 
 
-@compiled
+@within
 def unknown(s, zeta, centres, cells):
     """Return whether zeta (D,) is farther than the spacing from all marks."""
     for c in range(cells):
@@ -905,7 +926,7 @@ def unknown(s, zeta, centres, cells):
     return True
 
 
-@compiled
+@within
 def deviations(s, zeta, j_row, centres, cells, room):
     """Leave Jn of zeta (b, D), drive units, in room.outputs."""
     base, rows = len(s.plain) + 2 * len(s.angle), len(zeta)
@@ -921,7 +942,7 @@ def deviations(s, zeta, j_row, centres, cells, room):
         room.outputs[r] = base_j + s.spread_j * output(hidden2[r], w3[0], b3[0])
 
 
-@compiled
+@within
 def slopes(s, zeta, j_row, centres, cells, room):
     """Leave dJn/dzeta of zeta (b, D) in room.slope."""
     base, rows, width = len(s.plain) + 2 * len(s.angle), len(zeta), s.width
@@ -968,7 +989,7 @@ def slopes(s, zeta, j_row, centres, cells, room):
             add_drive_slope(s, zeta[r], room.own, row)
 
 
-@compiled
+@within
 def tangents(s, zeta, x, rate, centres, tangent):
     """Fill tangent (b, k): how the inputs x change per unit of time when zeta changes at `rate` (b, D)."""
     base = len(s.plain) + 2 * len(s.angle)
@@ -987,7 +1008,7 @@ def tangents(s, zeta, x, rate, centres, tangent):
             tangent[r, base + c] = x[r, base + c] * s.sharp * nearing
 
 
-@compiled
+@within
 def moved(w, g, m, v, size, floor):
     """Return one weight and its moments after a step of Adam (Kingma and Ba 2015) along its gradient g."""
     first = fused(ONE - BETA1, g - m, m)
@@ -995,14 +1016,14 @@ def moved(w, g, m, v, size, floor):
     return w - size * first / (math.sqrt(second) + floor), first, second
 
 
-@compiled
+@within
 def corrected(rate, steps):
     """Return the size and the floor of an Adam step, corrected for moments that began at zero."""
     correction = math.sqrt(1.0 - 0.999**steps)
     return F(rate * correction / (1.0 - 0.9**steps)), F(1e-8 * correction)
 
 
-@compiled
+@within
 def adam(w, g, m, v, start, stop, size, floor):
     """Move the weights from `start` to `stop` by one step of Adam."""
     w, g, m, v = w[start:stop], g[start:stop], m[start:stop], v[start:stop]
@@ -1010,7 +1031,7 @@ def adam(w, g, m, v, start, stop, size, floor):
         w[i], m[i], v[i] = moved(w[i], g[i], m[i], v[i], size, floor)
 
 
-@compiled
+@within
 def adam_across(w, m, v, start, x, up, size, floor, ahead):
     """The same for the weights (k, H) from `start` on, whose gradient is x (b, k) transposed times up (b, H), b <= 2.
 
@@ -1031,7 +1052,7 @@ def adam_across(w, m, v, start, x, up, size, floor, ahead):
             wk[h], mk[h], vk[h] = moved(wk[h], x0 * up0[h] + x1 * up1[h], mk[h], vk[h], size, floor)
 
 
-@compiled
+@within
 def step(s, w, g, m, v, steps, rate, k, inputs, rows, room, trained, ahead):
     """Take one step for one agent, after `learn_f` or `learn_j`; of the inputs only the first k are in use.
 
@@ -1045,12 +1066,12 @@ def step(s, w, g, m, v, steps, rate, k, inputs, rows, room, trained, ahead):
     steps[0] += 1
     size, floor = corrected(rate, steps[0])
     if rows > FEW:
-        adam(w, g, m, v, 0, k * width, size, floor)
+        adam(w, g, m, v, np.int64(0), k * width, size, floor)
         adam(w, g, m, v, ends, last, size, floor)
     else:
         x, hidden = shaped(room.inputs, rows, k), shaped(room.second, rows, width)
         up1, up2 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
-        adam_across(w, m, v, 0, x, up1, size, floor, ahead)
+        adam_across(w, m, v, np.int64(0), x, up1, size, floor, ahead)
         adam(w, g, m, v, ends, ends + width, size, floor)
         adam_across(w, m, v, ends + width, hidden, up2, size, floor, ahead)
         adam(w, g, m, v, last - width, last, size, floor)
@@ -1063,7 +1084,7 @@ def step(s, w, g, m, v, steps, rate, k, inputs, rows, room, trained, ahead):
             adam(w, g, m, v, biases + o * each, biases + (o + 1) * each, size, floor)
 
 
-@compiled
+@within
 def sum_rows(g, out):
     """Fill out (H,) with the sum over the rows of g (b, H)."""
     out[:] = ZERO
@@ -1072,7 +1093,7 @@ def sum_rows(g, out):
             out[h] += g[r, h]
 
 
-@compiled
+@within
 def positions(count, capacity, uniform, late, recent, at):
     """Fill at (b,) with positions in the ring: the last `late` of them among the `recent` decisions."""
     kept = min(count, capacity)
@@ -1082,7 +1103,7 @@ def positions(count, capacity, uniform, late, recent, at):
         at[r] = (count - 1 - back) % capacity
 
 
-@compiled
+@within
 def imagine(s, zeta, uniform, normal, m):
     """Redraw the needs of the first m states of zeta (b, D), place and rest kept; fatigues are scaled down.
 
@@ -1110,7 +1131,7 @@ def imagine(s, zeta, uniform, normal, m):
             zeta[r, v] = min(max(drawn, s.low[v]), s.high[v])
 
 
-@compiled
+@within
 def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
     """Return L_f and fill its gradient g (P,): the squared error of the executed movement's predicted change.
 
@@ -1168,7 +1189,7 @@ def learn_f(s, zeta, movement, after, duration, f_row, centres, cells, room, g):
     return loss
 
 
-@compiled
+@within
 def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
     """Return L_J and fill its gradient g (Q,): the squared residual of the HJB equation, in drive units.
 
@@ -1235,7 +1256,7 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
     return loss
 
 
-@compiled
+@within
 def activate(z, bias, out, b):
     """Add the bias to z's first b rows and fill out with silu(z); rows below are tangents of those above."""
     for r in range(b):
@@ -1249,7 +1270,7 @@ def activate(z, bias, out, b):
             out[r, h] = z[r, h] * g * (ONE + at * (ONE - g))
 
 
-@compiled
+@within
 def deactivate(z, up, b):
     """Turn the gradient `up` of silu's values, tangents below, into that of z, in place."""
     for r in range(b):
@@ -1264,7 +1285,7 @@ def deactivate(z, up, b):
             up[r, h] = value
 
 
-@compiled
+@within
 def room_for(s, rows, parts, outputs, inputs, b):
     """Return room for `rows` states at once, of which `b` may be followed by as many tangents."""
     flat = max(rows, 2 * b) * max(s.width, 1)
@@ -1306,7 +1327,7 @@ def go_on(table, ticks, way, masks, zeta, keep, free, actions):
             continue
         at = way.elapsed[i]
         if keep and at < way.trail.shape[1]:
-            way.trail[i, at] = zeta[i]
+            copy(zeta[i], way.trail[i, at])
             for k in range(len(table)):
                 way.trail_open[i, at, k] = masks[i, table[k, 0]] and masks[i, table[k, 1]]
         way.left[i] -= 1
@@ -1319,18 +1340,11 @@ def decide(s, brains, slots, zeta, open_, out):
     """Fill out (k, M) with the scores of the agents `slots` (k,) at zeta (k, D), infinity where not open."""
     base = len(s.plain) + 2 * len(s.angle)
     parts = zeta.shape[1]
-    room = room_for(s, s.movements, parts, s.movements * (parts + 1), base + brains.cell_centre.shape[2], 1)
+    room = room_for(s, s.movements, parts, s.movements * (parts + 1), base + brains.cell_centre.shape[2], np.int64(1))
     word = control_word()
     set_control_word(word | ZEROED)
-    decide_each(s, brains, slots, (zeta, open_, out), room)
-    set_control_word(word)
-
-
-@compiled
-def decide_each(s, brains, slots, rows, room):
-    """Do what `decide` does, in `room`."""
+    kept = room
     s, brains, room = borrowed(s), borrowed(brains), borrowed(room)
-    zeta, open_, out = borrowed(rows)
     for r in range(len(slots)):
         i = slots[r]
         scores(
@@ -1347,9 +1361,11 @@ def decide_each(s, brains, slots, rows, room):
             room,
             out[r : r + 1],
         )
+    set_control_word(word)
+    keep_alive(kept)
 
 
-@compiled
+@within
 def expected_score(s, score):
     """Return the mean score (M,) of one that explores with the share `explored`, and else takes the least."""
     least, total, weight = score[0], ZERO, ZERO
@@ -1367,7 +1383,8 @@ def expected_score(s, score):
 def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop):
     """Take one step on L_f and on L_J for every `ready` agent from `start` to `stop`, and score what is `ahead`."""
     parts, b, bf = ring.zeta.shape[2], draws.batch, draws.batch_f
-    inputs = len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
+    base = len(s.plain) + 2 * len(s.angle)
+    inputs = base + brains.cell_centre.shape[2]
     room = room_for(s, max(b * s.movements, bf), parts, s.movements * (parts + 1), inputs, b)
     batch = Batch(
         np.zeros(brains.f.shape[1], F),
@@ -1388,20 +1405,11 @@ def update(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, st
     )
     word = control_word()
     set_control_word(word | ZEROED)
-    update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop, room, batch)
-    set_control_word(word)
-
-
-@compiled
-def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, start, stop, room, batch):
-    """Do what `update` does, in `room` and `batch`."""
+    kept = room, batch
     s, brains, ring, draws, room = borrowed(s), borrowed(brains), borrowed(ring), borrowed(draws), borrowed(room)
     ahead = borrowed(ahead)
     g_f, g_j, at, at_f, zeta_f, after_f, time_f, done_f, zeta, pace, done, open_, table, goal, trained = borrowed(batch)
-    parts, capacity = ring.zeta.shape[2], ring.zeta.shape[1]
-    b, bf, m = draws.batch, draws.batch_f, draws.imagined
-    base = len(s.plain) + 2 * len(s.angle)
-    inputs = base + brains.cell_centre.shape[2]
+    capacity, m = ring.zeta.shape[1], draws.imagined
     _, _, _, _, g3_f, gb3_f = layers(g_f, inputs, s.width)
     always = np.ones(1, np.bool_)  # J has one head
     no_hope = np.zeros(2, F)  # the target holds no optimism, so J stays what has been met
@@ -1414,7 +1422,8 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
         # f
         positions(ring.lived[i], capacity, uniform[b:], draws.late_f, draws.recent, at_f)
         for r in range(bf):
-            zeta_f[r], after_f[r] = ring.zeta[i, at_f[r]], ring.after[i, at_f[r]]
+            copy(ring.zeta[i, at_f[r]], zeta_f[r])
+            copy(ring.after[i, at_f[r]], after_f[r])
             time_f[r], done_f[r] = ring.duration[i, at_f[r]], ring.movement[i, at_f[r]]
         loss_f[i] = learn_f(s, zeta_f, done_f, after_f, time_f, brains.f[i], centres, cells, room, g_f)
         trained[:] = not s.lazy
@@ -1443,7 +1452,8 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
         # the right-hand side of the equation
         positions(ring.lived[i], capacity, uniform, draws.late, draws.recent, at)
         for r in range(b):
-            zeta[r], done[r] = ring.zeta[i, at[r]], ring.movement[i, at[r]]
+            copy(ring.zeta[i, at[r]], zeta[r])
+            done[r] = ring.movement[i, at[r]]
             for v in range(s.movements):
                 open_[r, v] = ring.open[i, at[r], v] if s.minimum else v == max(done[r], 0)
         if m:
@@ -1506,9 +1516,11 @@ def update_each(s, brains, ring, draws, ready, rate, loss_f, loss_j, ahead, star
                 room,
                 table_ahead,
             )
+    set_control_word(word)
+    keep_alive(kept)
 
 
-@compiled
+@within
 def executed(s, zeta, movement, f_row, centres, cells, room, pace):
     """Fill pace (b, D) with f, per unit of time, of the movement executed at each zeta (b, D)."""
     base, width, parts, rows = len(s.plain) + 2 * len(s.angle), s.width, zeta.shape[1], len(zeta)
@@ -1531,7 +1543,7 @@ def executed(s, zeta, movement, f_row, centres, cells, room, pace):
 def value_at(s, brains, slot, zeta):
     """Return Jn (m,) of one agent at zeta (m, D)."""
     parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
-    room = room_for(s, len(zeta), parts, 1, inputs, 1)
+    room = room_for(s, len(zeta), parts, np.int64(1), inputs, np.int64(1))
     deviations(s, zeta, brains.target[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
     return room.outputs[: len(zeta)].copy()
 
@@ -1540,7 +1552,7 @@ def value_at(s, brains, slot, zeta):
 def slope_at(s, brains, slot, zeta):
     """Return dJn/dzeta (m, D) of one agent at zeta (m, D)."""
     parts, inputs = zeta.shape[1], len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
-    room = room_for(s, len(zeta), parts, 1, inputs, len(zeta))
+    room = room_for(s, len(zeta), parts, np.int64(1), inputs, len(zeta))
     slopes(s, zeta, brains.target[slot], brains.cell_centre[slot], brains.cell_count[slot], room)
     return room.slope
 
@@ -1550,21 +1562,19 @@ def forecast_at(s, brains, slot, zeta):
     """Return f's outputs (m, M (D + 1)) of one agent at zeta (m, D), in its units."""
     inputs = len(s.plain) + 2 * len(s.angle) + brains.cell_centre.shape[2]
     out = np.empty((len(zeta), s.movements * (zeta.shape[1] + 1)), F)
-    room = room_for(s, len(zeta), zeta.shape[1], 1, inputs, 1)
-    forecast(s, zeta, brains.f[slot], brains.cell_centre[slot], brains.cell_count[slot], room, out)
-    return out
-
-
-@compiled
-def forecast(s, zeta, f_row, centres, cells, room, out):
-    """Fill out (m, M (D + 1)) with f at zeta (m, D), in its units."""
+    room = room_for(s, len(zeta), zeta.shape[1], np.int64(1), inputs, np.int64(1))
+    cells, centres = brains.cell_count[slot], brains.cell_centre[slot]
     base, rows = len(s.plain) + 2 * len(s.angle), len(zeta)
     k = base + cells
-    w1, b1, w2, b2, w3, b3 = layers(f_row, base + centres.shape[1], s.width)
+    w1, b1, w2, b2, w3, b3 = layers(brains.f[slot], inputs, s.width)
     x = shaped(room.inputs, rows, k)
     features(s, zeta, centres, x)
     h1, h2 = shaped(room.first, rows, s.width), shaped(room.second, rows, s.width)
     relu_layer(x, w1[:k], b1, h1)
     relu_layer(h1, w2, b2, h2)
     product_back(h2, w3, out)
-    out += b3
+    for r in range(rows):
+        for o in range(len(b3)):
+            out[r, o] += b3[o]
+    keep_alive(room)
+    return out

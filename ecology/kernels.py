@@ -17,19 +17,22 @@ from ecology.state import Bools, Floats, Ints
 
 use_cache(__file__, elementary.__file__)
 
+compiled = numba.njit(cache=True, no_cfunc_wrapper=True)  # type: ignore[call-overload]  # called by Python
+within = numba.njit(cache=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)  # type: ignore[call-overload]  # called by other kernels alone
 
-@numba.njit(cache=True)
+
+@within
 def _cell(x: float, low: float, width: float, count: int) -> int:
     return min(max(int((x - low) / width), 0), count - 1)
 
 
-@numba.njit(cache=True)
+@within
 def _way(a: float, b: float, size: float, torus: bool) -> float:
     d = b - a
     return d - size * np.round(d / size) if torus else d
 
 
-@numba.njit(cache=True)
+@compiled
 def pairs_within(
     points: Floats, alive: Bools, low: Floats, size: Floats, torus: bool, radius: float, room: int
 ) -> tuple[Ints, Ints, Floats, Floats, Ints]:
@@ -116,14 +119,14 @@ def pairs_within(
     return who[:p], other[:p], gap[:p], distance[:p], starts
 
 
-@numba.njit(cache=True)
+@within
 def _longer(values: np.ndarray, room: int) -> np.ndarray:
     longer = np.empty(room, values.dtype)
     longer[: len(values)] = values
     return longer
 
 
-@numba.njit(cache=True)
+@within
 def wrapped(angle: float) -> float:
     """Return an angle of at most three half turns in [-pi, pi)."""
     angle += math.pi
@@ -134,7 +137,7 @@ def wrapped(angle: float) -> float:
     return angle - math.pi
 
 
-@numba.njit(cache=True)
+@within
 def _crosses(ax: float, ay: float, ox: float, oy: float, bx: float, by: float) -> bool:
     """Return whether t a = o + s b for some t and s in [0, 1]; o is where b starts, seen from where a starts."""
     cross = ax * by - ay * bx
@@ -144,7 +147,7 @@ def _crosses(ax: float, ay: float, ox: float, oy: float, bx: float, by: float) -
     return cross > 0 and 0 <= t <= cross and 0 <= s <= cross
 
 
-@numba.njit(cache=True)
+@compiled
 def clear_lines(start: Floats, end: Floats, wall_from: Floats, wall_along: Floats) -> Bools:
     """Return whether the straight segments from start to end (m, 2) cross no wall (W, 2), (m,)."""
     found = np.ones(len(start), np.bool_)
@@ -158,7 +161,7 @@ def clear_lines(start: Floats, end: Floats, wall_from: Floats, wall_along: Float
     return found
 
 
-@numba.njit(cache=True)
+@within
 def _near_walls(place: Floats, far: float, wall_from: Floats, wall_along: Floats, near: Ints) -> int:
     """Write the walls that may come nearer than `far` to a place into `near` (W,), and return how many they are."""
     count = 0
@@ -173,7 +176,7 @@ def _near_walls(place: Floats, far: float, wall_from: Floats, wall_along: Floats
     return count
 
 
-@numba.njit(cache=True)
+@within
 def _hidden(start: Floats, end: Floats, wall_from: Floats, wall_along: Floats, near: Ints, count: int) -> bool:
     """Return whether one of the first `count` walls of `near` lies between two places."""
     ax, ay = end[0] - start[0], end[1] - start[1]
@@ -184,7 +187,7 @@ def _hidden(start: Floats, end: Floats, wall_from: Floats, wall_along: Floats, n
     return False
 
 
-@numba.njit(cache=True)
+@within
 def _aside(dx: float, dy: float, d: float, heading: float, cos: float, sin: float, half: float, edge: float) -> bool:
     """Return whether what lies at (dx, dy), d away, is out of the view angle; `cos`, `sin` are of the heading.
 
@@ -201,7 +204,7 @@ def _aside(dx: float, dy: float, d: float, heading: float, cos: float, sin: floa
     return abs((turn + math.pi) % (2 * math.pi) - math.pi) > half + 1e-12
 
 
-@numba.njit(cache=True)
+@compiled
 def in_view(
     starts: Ints,
     other: Ints,
@@ -237,7 +240,7 @@ def in_view(
     return seen
 
 
-@numba.njit(cache=True)
+@compiled
 def inside_polygon(vertices: Floats, points: Floats) -> Bools:
     """Return which points (n, 2) lie strictly inside the polygon (W, 2): crossings of a ray to the right, (n,)."""
     found = np.zeros(len(points), np.bool_)
@@ -257,7 +260,7 @@ def inside_polygon(vertices: Floats, points: Floats) -> Bools:
     return found
 
 
-@numba.njit(cache=True)
+@compiled
 def around(
     position: Floats,
     heading: Floats,
@@ -325,7 +328,7 @@ def around(
     return inside, seen, here, toward, glimpse
 
 
-@numba.njit(cache=True)
+@compiled
 def open_actions(
     internal: Floats,
     alive: Bools,
@@ -376,7 +379,7 @@ def open_actions(
     return mask
 
 
-@numba.njit(cache=True)
+@compiled
 def nearest_seen(
     starts: Ints,
     other: Ints,
@@ -425,7 +428,7 @@ def nearest_seen(
     return found, way
 
 
-@numba.njit(cache=True)
+@compiled
 def write_patches(
     zeta: np.ndarray,
     column: int,
@@ -459,7 +462,7 @@ def write_patches(
             zeta[row, column + 2] = stock[r] / capacity[r]
 
 
-@numba.njit(cache=True)
+@compiled
 def write_others(
     zeta: np.ndarray,
     column: int,
@@ -508,7 +511,7 @@ def write_others(
             c += 2 + with_heading + (kinds if kinds > 1 else 0) + columns.shape[1]
 
 
-@numba.njit(cache=True)
+@compiled
 def in_reach(
     starts: Ints,
     other: Ints,
@@ -542,7 +545,7 @@ def in_reach(
 # ---- the tick: one call for what would be dozens of arrays ---------------------------------------
 
 
-@numba.njit(cache=True)
+@compiled
 def first_unknown(actions: Ints, counts: Ints) -> int:
     """Return the first slot whose action (N,) is no index into its `counts` (N,) actions, -1: all are."""
     for i in range(len(actions)):
@@ -551,7 +554,7 @@ def first_unknown(actions: Ints, counts: Ints) -> int:
     return -1
 
 
-@numba.njit(cache=True)
+@compiled
 def decide(
     wanted: Ints,
     mask: Bools,
@@ -596,7 +599,8 @@ def decide(
         if not open_:  # rest where it is open, else what the body is held to: a sleep, a committed go_to
             a = rest if mask[row, rest] or not alive[i] else np.argmax(mask[row])
         action[i] = a
-        control[i] = acts_control[a]
+        for v in range(control.shape[1]):  # as an assignment of rows it would take four times as long to compile
+            control[i, v] = acts_control[a, v]
         bound_for[i] = -1
         if not alive[i]:
             speed[i], direction[i] = 0.0, heading[i] if np.isnan(acts_direction[a]) else acts_direction[a]
@@ -617,7 +621,7 @@ def decide(
     return going
 
 
-@numba.njit(cache=True)
+@compiled
 def velocities(direction: Floats, speed: Floats) -> Floats:
     """Return the velocity (n, 2) of each direction and speed (n,)."""
     found = np.empty((len(speed), 2))
@@ -627,7 +631,7 @@ def velocities(direction: Floats, speed: Floats) -> Floats:
     return found
 
 
-@numba.njit(cache=True)
+@compiled
 def fastest(velocity: Floats) -> float:
     """Return the greatest speed among velocities (n, 2)."""
     most = 0.0
@@ -636,7 +640,7 @@ def fastest(velocity: Floats) -> float:
     return math.sqrt(most)
 
 
-@numba.njit(cache=True)
+@compiled
 def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float) -> None:
     """Write position, no velocity and the force that gives unit masses their `velocity` (n, 2) in h, (>= n, 6)."""
     for i in range(len(position)):
@@ -649,7 +653,7 @@ def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float
 BENDS, ASIDE = 4, 0.5
 
 
-@numba.njit(cache=True)
+@within
 def _exit(corners: Floats, ax: float, ay: float, bx: float, by: float) -> int:
     """Return the first wall by which the way from a to b leaves the polygon (W, 2), -1 none; wall w ends at corner w.
 
@@ -679,7 +683,7 @@ def _exit(corners: Floats, ax: float, ay: float, bx: float, by: float) -> int:
     return found
 
 
-@numba.njit(cache=True)
+@compiled
 def stays(corners: Floats, start: Floats, end: Floats) -> Bools:
     """Return which straight ways from start to end (n, 2) stay in the polygon (W, 2), corners to the left, (n,)."""
     found = np.empty(len(start), np.bool_)
@@ -688,7 +692,7 @@ def stays(corners: Floats, start: Floats, end: Floats) -> Bools:
     return found
 
 
-@numba.njit(cache=True)
+@compiled
 def glide(
     moved: Floats,
     n: int,
@@ -753,7 +757,7 @@ def glide(
     return found, held
 
 
-@numba.njit(cache=True)
+@compiled
 def order_meals(
     first: int,
     n: int,
@@ -794,7 +798,7 @@ def order_meals(
     return eaters
 
 
-@numba.njit(cache=True)
+@compiled
 def share(wanted: Floats, source: Ints, stock: Floats, crumb: float) -> tuple[Floats, Floats]:
     """Return the share of what it asks for that each body gets (n,), and what leaves each stock (R,).
 
@@ -814,7 +818,7 @@ def share(wanted: Floats, source: Ints, stock: Floats, crumb: float) -> tuple[Fl
     return given, eaten
 
 
-@numba.njit(cache=True)
+@compiled
 def serve(wanted: Floats, source: Ints, part: Floats, control: Floats, ingested: Floats) -> None:
     """Write `control`, `ingested` (N, V) of those with a `source` (N,), who have their `part` of what is `wanted`."""
     for i in range(len(source)):
@@ -824,7 +828,7 @@ def serve(wanted: Floats, source: Ints, part: Floats, control: Floats, ingested:
                 control[i, v] *= part[i]
 
 
-@numba.njit(cache=True)
+@compiled
 def live(
     alive: Bools,
     died: Bools,

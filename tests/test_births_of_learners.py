@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from worlds import kind, square, start
+from worlds import from_python, kind, square, start
 
 from ecology import Ecology, EcologyError, Group, Need, Neighbours, Tick, agents, bite, scenarios, senses
 from ecology.agents import kernels, loop
@@ -301,7 +301,8 @@ def test_drive_as_an_agent_knows_it(fields: dict[str, object], expected: float) 
         epsilon=np.float32(0.5),
         exponent=np.float32(exponent),
     )
-    assert kernels.drive(senses, zeta, np.empty_like(zeta)) == pytest.approx(expected, rel=1e-6)
+    drive = from_python(kernels.drive)
+    assert drive(senses, zeta, np.empty_like(zeta)) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(("name", "value"), [("mutation", -0.1), ("inherit", 1), ("mutation", float("nan"))])

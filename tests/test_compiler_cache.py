@@ -21,8 +21,8 @@ import sys
 import numpy as np
 import ecology.agents.kernels
 from ecology import kernels
-kernels._cell(0.5, 0.0, 1.0, 4)
-print(kernels.__file__, kernels._cell.stats.cache_path, sum(kernels._cell.stats.cache_hits.values()))
+kernels.fastest(np.zeros((1, 2)))
+print(kernels.__file__, kernels.fastest.stats.cache_path, sum(kernels.fastest.stats.cache_hits.values()))
 """
 DROP, WRITE_ANYWHERE = 24, 1  # PR_CAPBSET_DROP and CAP_DAC_OVERRIDE of Linux
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numba
+import numpy as np
 import pytest
 from numba.core import event
 
+from ecology import Ecology, agents, scenarios
+from ecology.agents import device as devices
+from ecology.agents import hjb, kernels
 from ecology.lab import compiling
 from ecology.lab.cli.options import announces_compiling
 from ecology.lab.cli.progress import Progress
@@ -89,3 +95,81 @@ def test_a_tick_that_compiled_is_no_measure_of_speed(
     tally.tick = 1001
     progress.watch(None, None, {})  # type: ignore[arg-type]
     assert capsys.readouterr().err.startswith("tick 1,001 of 60,000  100 ticks/s")
+
+
+@pytest.fixture
+def learner(monkeypatch: pytest.MonkeyPatch) -> hjb.HJB:
+    """Return a learner on a machine of two processors where no update was ever compiled."""
+    monkeypatch.setattr("ecology.lab.cli.options.count_cpus", lambda: 2)
+    monkeypatch.setattr(compiling, "is_kept", lambda function: False)
+    group = Ecology(scenarios.load("paper")).groups["agent"]
+    made = agents.make("hjb", group, np.random.SeedSequence(0), {"width": 4})
+    assert isinstance(made, hjb.HJB)
+    return made
+
+
+def test_the_first_update_waits_for_the_process_that_compiles_it(
+    monkeypatch: pytest.MonkeyPatch, learner: hjb.HJB, tmp_path: Path
+) -> None:
+    """A second process is at work until the first update, which waits for it once."""
+    done, counted = tmp_path / "done", compiling.notice.count
+    monkeypatch.setattr(compiling, "BESIDE", f"import time; time.sleep(0.5); open({str(done)!r}, 'w')")
+    with compiling.shared([learner]):
+        assert not done.exists()
+        learner.compile_update()
+        assert done.exists()
+        assert devices.before_update == []
+        assert compiling.notice.count > counted
+
+
+def test_the_second_process_ends_with_the_run(
+    monkeypatch: pytest.MonkeyPatch, learner: hjb.HJB, tmp_path: Path
+) -> None:
+    """A run that ends before its first update leaves no process, and nothing to wait for."""
+    pid = tmp_path / "pid"
+    code = f"import os, time; open({str(pid)!r}, 'w').write(str(os.getpid())); time.sleep(600)"
+    monkeypatch.setattr(compiling, "BESIDE", code)
+    with compiling.shared([learner]):
+        while not pid.exists() or not pid.read_text():
+            time.sleep(0.01)
+    assert devices.before_update == []
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
+
+
+@pytest.mark.parametrize("without", ["learner", "processors", "need"])
+def test_no_process_is_started_without_need(
+    monkeypatch: pytest.MonkeyPatch, learner: hjb.HJB, tmp_path: Path, without: str
+) -> None:
+    """Not for learners without an update, on one processor, or where the update is on disk."""
+    monkeypatch.setattr(compiling, "BESIDE", f"open({str(tmp_path / 'done')!r}, 'w')")
+    if without == "processors":
+        monkeypatch.setattr("ecology.lab.cli.options.count_cpus", lambda: 1)
+    elif without == "need":
+        monkeypatch.setattr(compiling, "is_kept", lambda function: True)
+    with compiling.shared([object()] if without == "learner" else [learner]):
+        assert devices.before_update == []
+        learner.compile_update()
+    assert not (tmp_path / "done").exists()
+
+
+def test_what_was_compiled_is_on_disk_until_its_source_changes(
+    learner: hjb.HJB, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled code counts as long as it is newer than its source."""
+    monkeypatch.undo()
+    learner.compile_update()
+    assert compiling.is_kept(kernels.update)
+    monkeypatch.setattr(Path, "glob", lambda self, pattern: iter(()))
+    assert not compiling.is_kept(kernels.update)
+
+
+@pytest.mark.parametrize(("scenario", "name"), [("predator_prey", "hjb"), ("colony", "lean"), ("paper", "algorithm1")])
+def test_the_update_is_compiled_once_for_all_worlds_and_learners(learner: hjb.HJB, scenario: str, name: str) -> None:
+    """Its types are the same everywhere, so a second process can compile it without knowing the run."""
+    learner.compile_update()
+    for group in Ecology(scenarios.load(scenario)).groups.values():
+        other = agents.make(name, group, np.random.SeedSequence(0), {})
+        assert isinstance(other, hjb.HJB)
+        other.compile_update()
+    assert len(kernels.update.signatures) == 1

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from worlds import from_python
 
 from ecology import (
     Arena,
@@ -321,12 +322,13 @@ def test_a_remembered_error_corrects_f_near_by() -> None:
         np.zeros((learner.count, learner.components + 1), np.float32),
         np.zeros(learner.count, np.float32),
     )
+    recall = from_python(kernels.recall)
     trace = (learner.trace.where[0], learner.trace.movement[0], learner.trace.error[0], learner.trace.time[0], 1)
-    kernels.recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
+    recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
     assert bias[walk, :-1] == pytest.approx(-told / 1.3, abs=1e-6)  # the prior of no error weighs 0.3
     assert not np.delete(bias, walk, axis=0).any()
     at[0, 6] += 2.0
-    kernels.recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
+    recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
     assert bias.shape[1] == size
     assert not bias.any()
 

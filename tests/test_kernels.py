@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from plain_learner import PlainAgent, as_row
+from worlds import from_python
 
 from ecology import Ecology, EcologyError, agents, scenarios
 from ecology.agents import hjb, kernels, loop
@@ -369,20 +370,22 @@ def test_no_moment_becomes_subnormal() -> None:
 def test_exp_is_exact_to_float32() -> None:
     """e^x of the kernels is within 3e-7 of e^x, relatively, from -80 to 80."""
     x = np.linspace(-80, 80, 4001, dtype=np.float32)
-    found = np.array([kernels.exp32(v) for v in x])
+    exp32 = from_python(kernels.exp32)
+    found = np.array([exp32(v) for v in x])
     assert np.abs(found / np.exp(x.astype(float)) - 1).max() < 3e-7
 
 
 def test_memory_draws_the_share_from_the_newest() -> None:
     """The last part of a batch lies among the newest decisions, the first anywhere in life; the ring wraps."""
     uniform, at = np.random.default_rng(0).random(1000, np.float32), np.empty(1000, np.int64)
-    kernels.positions(250, 100, uniform, 400, 10, at)
+    positions = from_python(kernels.positions)
+    positions(250, 100, uniform, 400, 10, at)
     age = (249 - at) % 100  # 0: the newest
     assert age.max() == 99
     assert age[600:].max() == 9
     assert len(np.unique(age[600:])) == 10
     assert age[:600].max() > 90
-    kernels.positions(250, 1, uniform, 400, 10, at)
+    positions(250, 1, uniform, 400, 10, at)
     assert not at.any()
 
 

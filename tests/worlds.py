@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 
 from ecology import (
@@ -185,3 +187,8 @@ def everything(*, walls: bool = True, dt: float = 1.0, vertices: Any = BAY, **pr
         day=40.0,
         rule=signal,
     )
+
+
+def from_python(kernel: Any) -> Callable[..., Any]:
+    """Return a function that calls a kernel which otherwise only other kernels call."""
+    return numba.njit(lambda *args: kernel(*args))

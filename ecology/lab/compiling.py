@@ -1,11 +1,16 @@
-"""Say that loops are being compiled: the first run on a machine waits for that, and later ones do not."""
+"""Compiling loops, which the first run on a machine waits for: report it, and share it with a second process.
+
+Later runs load what the first one has kept on disk.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from numba.core import event
@@ -13,6 +18,7 @@ from numba.core import event
 ABOUT = "compiling (once per machine)"
 PATIENCE = 1.0  # seconds of compiling before anything is said
 PAUSE = 10.0  # seconds between two lines of progress
+BESIDE = "from ecology.lab import compiling; compiling.compile_update()"
 
 
 class Compiling(event.Listener):
@@ -73,3 +79,57 @@ def _print_error(words: str) -> None:
     """Print a line on stderr; a terminal that hung up stops nothing."""
     with contextlib.suppress(OSError):
         print(words, file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def shared(learners: Iterable[Any]) -> Iterator[None]:
+    """Compile the update of the f/J learner in a second process, while this one compiles what the first ticks need.
+
+    The first update waits for it. Nothing happens if the update is on disk, if no learner needs it, or if there is one
+    processor only.
+    """
+    from ecology.lab.cli.options import count_cpus
+
+    devices = sys.modules.get("ecology.agents.device")  # the f/J learner loads it
+    if devices is None or not any(isinstance(getattr(each, "device", None), devices.Cpu) for each in learners):
+        yield
+        return
+    if count_cpus() < 2 or is_kept(devices.kernels.update):
+        yield
+        return
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", BESIDE],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C reaches this process alone
+    )
+
+    def wait() -> None:
+        process.wait()  # if it failed, it has kept nothing, and this process compiles the update
+        notice.count += 1
+
+    devices.before_update.append(wait)
+    try:
+        yield
+    finally:
+        devices.before_update[:] = [each for each in devices.before_update if each is not wait]
+        process.kill()
+        process.wait()
+
+
+def is_kept(function: Any) -> bool:
+    """Return whether the compiled code of a function is on disk, and newer than its source."""
+    source, folder = Path(function.py_func.__code__.co_filename), function.stats.cache_path
+    kept = [] if folder is None else Path(folder).glob(f"{source.stem}.{function.py_func.__name__}-*.nbi")
+    return any(index.stat().st_mtime >= source.stat().st_mtime for index in kept)
+
+
+def compile_update() -> None:
+    """Compile the update of the f/J learner; its types are the same in every world."""
+    import numpy as np
+
+    from ecology import Ecology, agents, scenarios
+
+    group = Ecology(scenarios.load("paper")).groups["agent"]
+    agents.make("hjb", group, np.random.SeedSequence(0), {}).compile_update()  # type: ignore[attr-defined]

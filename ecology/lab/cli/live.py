@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecology import Ecology, EcologyError, State, Tick
+from ecology.lab import compiling
 from ecology.lab.cli.options import format_number
 from ecology.lab.cli.progress import Progress
 from ecology.lab.runs.folder import METRICS, RECORDING
@@ -36,7 +37,8 @@ def live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
         if audience is not None:
             at_end.callback(audience.close)
         try:
-            summary = it.live(observers)
+            with compiling.shared(it.learners.values()):
+                summary = it.live(observers)
         except StoppedError as stopped:
             if not quiet:
                 with contextlib.suppress(OSError):  # a terminal that hung up
