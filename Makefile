@@ -48,7 +48,7 @@ check: install
 	ln -s $(CURDIR)/ecology/* $(CURDIR)/agents $(CURDIR)/scenarios build/typed/ecology/
 	$(BIN)/mypy
 	$(BIN)/python docs/generate.py --check
-	$(SPHINX) --fail-on-warning
+	$(SPHINX) --fresh-env --fail-on-warning
 
 # the site, in build/docs; generated tables are written first
 SPHINX := $(BIN)/sphinx-build --quiet docs build/docs
