@@ -3,6 +3,7 @@
 
 import contextlib
 import json
+import signal
 import threading
 import time
 from pathlib import Path
@@ -202,7 +203,7 @@ class Doer:
         for deed in self.deeds.get(state.tick, ()):
             assert self.run.do(deed) == ""
 
-    def intervened(self, state, said):
+    def intervened(self, state, text, said):
         self.told.append((state.tick, said))
 
     def end(self):
@@ -451,8 +452,38 @@ def test_interventions_are_recorded(world, tmp_path):
     table = read(tmp_path / "metrics.parquet")
     told = dict(zip(*(table[name].to_pylist() for name in ("tick", "interventions")), strict=True))
     assert told[10] is None
-    assert told[15].startswith("tick 11: prey_8 was removed; tick 12: prey_")
+    assert told[15].startswith("tick 11: remove prey_8; tick 12: put prey 2.5 2.5; tick 12: ")
     assert set(told) == {5, 10, 15, 20}
+
+
+def test_an_intervention_before_a_stop_is_in_the_metrics(world, tmp_path):
+    """What was done after the last sample of a run that was stopped is in the first row of the run that resumes."""
+    from ecology.lab.cli.live import make_observers
+    from ecology.lab.runs.stopping import StoppedError
+    from ecology.observers.control import Control
+    from ecology.observers.recorder import read
+
+    class Stops(Doer):
+        def held(self):
+            if self.run.now == 12 and self.told:
+                signal.raise_signal(signal.SIGINT)
+            elif self.run.now == 12:
+                self.run.do("empty grass.0")
+
+    run = Run(plan(world, record=True, ticks=24), tmp_path / "run")
+    run.start()
+    run.control = Control(paused=True)
+    for _ in range(12):
+        run.control.order("step")
+    with pytest.raises(StoppedError):
+        run.live([*make_observers(run, resume=False), Stops(run, {})])
+    run = open_run(tmp_path / "run")
+    run.resume()
+    assert run.now == 12
+    run.live(make_observers(run, resume=True))
+    table = read(tmp_path / "run/metrics.parquet")
+    told = dict(zip(*(table[name].to_pylist() for name in ("tick", "interventions")), strict=True))
+    assert told == {10: None, 20: "tick 12: empty grass.0"}
 
 
 def test_an_agent_does_not_learn_from_what_was_done_to_it():

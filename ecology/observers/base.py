@@ -41,8 +41,9 @@ class Mind(Protocol):
 class Observer(Protocol):
     """Someone who watches a run; a class derived from it defines only the methods that it needs.
 
-    A run calls three more methods of observers that have them: `flush()` before a checkpoint; `intervened(state, said)`
-    after an intervention, with the state after it and what was done; and `held()` now and then while it waits.
+    A run calls three more methods of observers that have them: `flush()` before a checkpoint; `intervened(state, text,
+    said)` after an intervention, with the state after it, its line and what was done; and `held()` now and then while
+    the run waits.
     """
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:

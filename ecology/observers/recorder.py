@@ -40,12 +40,17 @@ class Recorder:
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
     name, drive (what is felt of others included), own_drive (without that), reward, action, one per
     measure of the scenario (`measures.NAME`, the same in every row of a tick), and one per number that
-    a mind reports. A run in which somebody intervened has `interventions` too, what was done since the last sampled
-    tick, null where nothing was. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
+    a mind reports. A run in which somebody intervened has `interventions` too: those since the last sampled tick, null
+    where there was none. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
 
-    def __init__(self, path: Path | str, every: int = 10, *, resume: bool = False) -> None:
-        """Write to `path` every `every` ticks; with `resume`, after the rows up to the present tick."""
+    def __init__(
+        self, path: Path | str, every: int = 10, *, resume: bool = False, deeds: Iterable[tuple[int, str]] = ()
+    ) -> None:
+        """Write to `path` every `every` ticks; with `resume`, after the rows up to the present tick.
+
+        deeds: interventions since the last sampled tick, of which no row tells yet: tick and text.
+        """
         self._path, self._every, self._resume = Path(path), every, resume
         self._parts = parts_of(self._path)
         self._unfinished = self._parts.with_suffix(".unfinished")  # beside the folder, which readers open as it is
@@ -55,7 +60,7 @@ class Recorder:
         )
         self._rows: dict[str, list[np.ndarray]] = {}
         self._count, self._number, self._since = 0, 0, time.monotonic()
-        self._deeds: list[str] = []  # interventions since the last sampled tick
+        self._deeds = list(deeds)
         there = self._path.exists() or self._parts.exists()
         require(
             resume or not there,
@@ -94,9 +99,9 @@ class Recorder:
         self._parts.mkdir(parents=True)
         self._path.replace(self._parts / "part-000000.parquet")
 
-    def intervened(self, state: State, said: str) -> None:
-        """Note what was done from outside: the rows of the next sampled tick have it."""
-        self._deeds.append(f"tick {state.tick}: {said}")
+    def intervened(self, state: State, text: str, said: str) -> None:
+        """Note an intervention: the rows of the next sampled tick have it."""
+        self._deeds.append((state.tick, text))
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take the rows of a sampled tick."""
@@ -121,7 +126,7 @@ class Recorder:
         for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
             rows[MEASURE + name] = np.full(len(slots), measured)
         if self._deeds:
-            rows[DEEDS] = np.full(len(slots), "; ".join(self._deeds), object)
+            rows[DEEDS] = np.full(len(slots), "; ".join(f"tick {at}: {text}" for at, text in self._deeds), object)
             self._deeds = []
         told: dict[str, np.ndarray] = {}
         for name, span in self._groups:

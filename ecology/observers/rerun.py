@@ -188,7 +188,7 @@ class RerunObserver:
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
 
-    def intervened(self, state: State, said: str) -> None:
+    def intervened(self, state: State, text: str, said: str) -> None:
         """Note what was done from outside: an event."""
         self._deeds.append((state.tick, state.time, said))
 

@@ -97,7 +97,8 @@ def make_observers(
     if it.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
-        observers.append(Recorder(it.folder / METRICS, it.plan.record_every, resume=resume))
+        every = it.plan.record_every
+        observers.append(Recorder(it.folder / METRICS, every, resume=resume, deeds=it.schedule.since(it.now, every)))
     if it.plan.record or view or serve or connect:
         from ecology.observers.rerun import RerunObserver  # slow to load
         from ecology.observers.viewer import LOOPBACK, SERVE_PORT, preferred_port
@@ -171,7 +172,7 @@ class Audience:
         """Leave the watching to the viewers."""
         self._state = state
 
-    def intervened(self, state: State, said: str) -> None:
+    def intervened(self, state: State, text: str, said: str) -> None:
         """Take the state after an intervention."""
         self._state = state
 

@@ -49,6 +49,10 @@ class Schedule:
             return self.entries[self.done]
         return None
 
+    def since(self, tick: int, every: int) -> list[tuple[int, str]]:
+        """Return tick and line of those that were done by `tick` after the last sample, with one `every` so many."""
+        return [(each.tick, each.do) for each in self.entries[: self.done] if each.tick >= tick // every * every]
+
     def add(self, tick: int, text: str) -> None:
         """Let an intervention be done at `tick`, after those that are to be done by then."""
         at = self.done

@@ -537,7 +537,7 @@ class Run:
         self.schedule.done += 1
         for observer in self._observers:
             if (told := getattr(observer, "intervened", None)) is not None:
-                told(self.env.state_view, effect.said)
+                told(self.env.state_view, text, effect.said)
         return effect.tick, effect.said
 
     def _between(self, tick: Tick) -> Tick:
