@@ -12,6 +12,7 @@ import pytest
 
 from ecology import agents, contract, parallel_env, scenarios
 from ecology.agents.base import Transition
+from ecology.agents.hjb import HJB
 from ecology.agents.planner import Camping, Planner
 from ecology.fixed import FixedSlots
 
@@ -170,8 +171,10 @@ def lives(env: Any, learner: Any, start: Any, ticks: int = TICKS) -> list[Any]:
     given = Given(zeta=zeta, mask=mask)
     learner.report()
     learner.deviation(0, zeta)
-    learner.weigh(0, zeta[0], mask[0])
+    learner.follow([0])
     learner.decision(0)
+    if isinstance(learner, HJB):
+        learner.weigh(0, zeta[0], mask[0])
     given.stays()
     return did
 
