@@ -260,7 +260,7 @@ class Process:
                 self.process.communicate(timeout=10.0)
         if self.process.poll() is None:
             self.process.kill()
-            self.process.wait()
+            self.process.communicate()  # waits, and closes its pipes
 
 
 @contextlib.contextmanager
