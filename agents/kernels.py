@@ -33,7 +33,7 @@ E6, E5, E4 = F(1.9875691500e-4), F(1.3981999507e-3), F(8.3334519073e-3)  # exp, 
 E3, E2, E1 = F(4.1665795894e-2), F(1.6666665459e-1), F(5.0000001201e-1)
 BETA1, BETA2, TINY = F(0.9), F(0.999), F(1e-8)  # of Adam
 FAR = F(-30.0)  # exponent of a place cell below which it is silent; keeps subnormal numbers out
-FEW = 2  # rows up to which a product is a loop here, not one of the linear algebra library
+FEW = 2  # rows up to which gradients are worked out on the way of Adam, without matrices of their own
 LINE = 16  # numbers in a line of the cache
 SOON = 512  # numbers by which Adam's moments are asked for ahead of their use
 X86 = platform.machine().lower() in ("x86_64", "amd64")
@@ -338,76 +338,83 @@ def fused(_, a, b, c):  # type: ignore[no-untyped-def]
     """Return a b + c, rounded once, for float32: the same on every processor."""
 
     def multiply_add(_context, builder, _, args):  # type: ignore[no-untyped-def]
-        return builder.fma(*args)
+        return _fma(builder, *args)
 
     return types.float32(types.float32, types.float32, types.float32), multiply_add
 
 
-def _fma(builder: Any, kind: Any, *numbers: Any) -> Any:
-    """Emit a b + c of vectors, rounded once."""
+def _fma(builder: Any, a: Any, b: Any, c: Any) -> Any:
+    """Emit a b + c of numbers or vectors, rounded once."""
+    kind = c.type
     name = f"llvm.fma.v{kind.count}f32" if isinstance(kind, ir.VectorType) else "llvm.fma.f32"
     function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind] * 3), name)
-    return builder.call(function, numbers)
+    return builder.call(function, [a, b, c])
 
 
-def tiles(rows, lanes):  # type: ignore[no-untyped-def]
-    """Return a function that fills a tile of `rows` times `lanes` of a product of matrices."""
+def strips(rows):  # type: ignore[no-untyped-def]
+    """Return a function that fills `rows` rows of a product of matrices."""
 
     @lowered
-    def tile(_, a, b, out, row, column):  # type: ignore[no-untyped-def]
-        """Fill the tile of out (R, C) at row, column with a (R, K) times b (K, C), whose rows are without gaps.
+    def strip(_, a, b, out, row):  # type: ignore[no-untyped-def]
+        """Fill the rows of out (R, C) from `row` on with a (R, K) times b (K, C); rows of b and out are without gaps.
 
-        Every element is a chain of fused multiplications and additions in the order of K, whatever the tile: so the
-        result depends neither on the width of vectors nor on where a tile begins.
+        Every element is a chain of fused multiplications and additions in the order of K, however wide the tile that
+        it is computed in: so the result depends neither on the width of vectors nor on where a tile begins.
         """
 
         def fill(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            kinds = signature.args
-            a_, b_, out_ = (context.make_array(kinds[i])(context, builder, args[i]) for i in range(3))
-            number, byte = ir.FloatType(), ir.IntType(8)
-            vector = ir.VectorType(number, lanes) if lanes > 1 else number
-            size = ir.Constant(args[3].type, 4)
-
-            def at(array, *offsets):  # type: ignore[no-untyped-def]
-                pointer = builder.bitcast(array.data, byte.as_pointer())
-                for index, stride in offsets:
-                    pointer = builder.gep(pointer, [builder.mul(index, stride)])
-                return pointer
-
+            a_, b_, out_ = (context.make_array(signature.args[i])(context, builder, args[i]) for i in range(3))
+            whole, number, byte = args[3].type, ir.FloatType(), ir.IntType(8)
             a_row, a_column = cgutils.unpack_tuple(builder, a_.strides, 2)
             b_row, _ = cgutils.unpack_tuple(builder, b_.strides, 2)
             out_row, _ = cgutils.unpack_tuple(builder, out_.strides, 2)
             _, depth = cgutils.unpack_tuple(builder, a_.shape, 2)
-            from_a, from_b = at(a_, (args[3], a_row)), at(b_, (args[4], size))
-            to = at(out_, (args[3], out_row), (args[4], size))
-            sums = [cgutils.alloca_once_value(builder, ir.Constant(vector, None)) for _ in range(rows)]
-            lane = ir.Constant(ir.VectorType(ir.IntType(32), max(lanes, 1)), None)
-            with cgutils.for_range(builder, depth, intp=args[3].type) as loop:
-                here = builder.gep(from_b, [builder.mul(loop.index, b_row)])
-                many = builder.load(builder.bitcast(here, vector.as_pointer()), align=4)
-                along = builder.gep(from_a, [builder.mul(loop.index, a_column)])
+            _, columns = cgutils.unpack_tuple(builder, out_.shape, 2)
+
+            def at(data, *offsets):  # type: ignore[no-untyped-def]
+                pointer = builder.bitcast(data, byte.as_pointer())
+                for index, stride in offsets:
+                    index = ir.Constant(whole, index) if isinstance(index, int) else index
+                    pointer = builder.gep(pointer, [builder.mul(index, stride)])
+                return pointer
+
+            def tile(column, lanes):  # type: ignore[no-untyped-def]
+                kind = ir.VectorType(number, lanes) if lanes > 1 else number
+                along = column, ir.Constant(whole, SIZE)
+                sums = [cgutils.alloca_once_value(builder, ir.Constant(kind, None)) for _ in range(rows)]
+                with cgutils.for_range(builder, depth, intp=whole) as loop:
+                    many = at(b_.data, (loop.index, b_row), along)
+                    many = builder.load(builder.bitcast(many, kind.as_pointer()), align=SIZE)
+                    for i, total in enumerate(sums):
+                        one = at(a_.data, (args[3], a_row), (i, a_row), (loop.index, a_column))
+                        one = builder.load(builder.bitcast(one, number.as_pointer()), align=SIZE)
+                        if lanes > 1:
+                            nothing = ir.Constant(kind, ir.Undefined)
+                            one = builder.insert_element(nothing, one, ir.Constant(ir.IntType(32), 0))
+                            one = builder.shuffle_vector(
+                                one, nothing, ir.Constant(ir.VectorType(ir.IntType(32), lanes), None)
+                            )
+                        builder.store(_fma(builder, one, many, builder.load(total)), total)
                 for i, total in enumerate(sums):
-                    step = builder.mul(ir.Constant(args[3].type, i), a_row)
-                    one = builder.load(builder.bitcast(builder.gep(along, [step]), number.as_pointer()), align=4)
-                    if lanes > 1:
-                        undefined = ir.Constant(vector, ir.Undefined)
-                        one = builder.insert_element(undefined, one, ir.Constant(ir.IntType(32), 0))
-                        one = builder.shuffle_vector(one, undefined, lane)
-                    builder.store(_fma(builder, vector, one, many, builder.load(total)), total)
-            for i, total in enumerate(sums):
-                place = builder.gep(to, [builder.mul(ir.Constant(args[3].type, i), out_row)])
-                builder.store(builder.load(total), builder.bitcast(place, vector.as_pointer()), align=4)
+                    place = at(out_.data, (args[3], out_row), (i, out_row), along)
+                    builder.store(builder.load(total), builder.bitcast(place, kind.as_pointer()), align=SIZE)
+
+            done = ir.Constant(whole, 0)
+            for lanes in (LANES, 4, 1):
+                width = ir.Constant(whole, lanes)
+                count = builder.udiv(builder.sub(columns, done), width)
+                with cgutils.for_range(builder, count, intp=whole) as loop:
+                    tile(builder.add(done, builder.mul(loop.index, width)), lanes)
+                done = builder.add(done, builder.mul(count, width))
             return context.get_dummy_value()
 
-        return types.void(a, b, out, types.intp, types.intp), fill
+        return types.void(a, b, out, types.intp), fill
 
-    return tile
+    return strip
 
 
-ROWS, LANES = 6, 16  # of a large tile
-tile_6_16, tile_1_16 = tiles(ROWS, LANES), tiles(1, LANES)
-tile_6_4, tile_1_4 = tiles(ROWS, 4), tiles(1, 4)
-tile_6_1, tile_1_1 = tiles(ROWS, 1), tiles(1, 1)
+ROWS, LANES, SIZE = 6, 16, 4  # of a large tile; bytes of a number
+strip_of_rows, strip_of_one = strips(ROWS), strips(1)
 
 
 @lowered
@@ -426,7 +433,7 @@ def dot(_, a, b):  # type: ignore[no-untyped-def]
                 builder.load(builder.bitcast(builder.gep(each.data, [at]), vector.as_pointer()), align=4)
                 for each in (a_, b_)
             )
-            builder.store(_fma(builder, vector, left, right, builder.load(total)), total)
+            builder.store(_fma(builder, left, right, builder.load(total)), total)
         sums, width = builder.load(total), LANES
         while width > 1:
             width //= 2
@@ -445,32 +452,13 @@ def dot(_, a, b):  # type: ignore[no-untyped-def]
 @within
 def multiply(a, b, out):
     """Fill out (R, C) with a (R, K) times b (K, C), whose rows are without gaps; the same bits on every processor."""
-    rows, columns = out.shape
     r = 0
-    while r < rows:
-        c = 0
-        if rows - r >= ROWS:
-            while columns - c >= LANES:
-                tile_6_16(a, b, out, r, c)
-                c += LANES
-            while columns - c >= 4:
-                tile_6_4(a, b, out, r, c)
-                c += 4
-            while c < columns:
-                tile_6_1(a, b, out, r, c)
-                c += 1
-            r += ROWS
-        else:
-            while columns - c >= LANES:
-                tile_1_16(a, b, out, r, c)
-                c += LANES
-            while columns - c >= 4:
-                tile_1_4(a, b, out, r, c)
-                c += 4
-            while c < columns:
-                tile_1_1(a, b, out, r, c)
-                c += 1
-            r += 1
+    while len(out) - r >= ROWS:
+        strip_of_rows(a, b, out, r)
+        r += ROWS
+    while r < len(out):
+        strip_of_one(a, b, out, r)
+        r += 1
 
 
 @within
@@ -600,12 +588,6 @@ def output(row, w, b):
 
 
 @within
-def product(x, w, out):
-    """Fill out (b, H) with x (b, k) times w (k, H)."""
-    multiply(x, w, out)
-
-
-@within
 def product_back(g, w, out):
     """Fill out (b, k) with g (b, H) times the transpose of w (k, H)."""
     if len(g) > FEW:
@@ -619,7 +601,7 @@ def product_back(g, w, out):
 @within
 def relu_layer(x, w, b, out):
     """Fill out (b, H) with max(x w + b, 0)."""
-    product(x, w, out)
+    multiply(x, w, out)
     for r in range(len(out)):
         row = out[r]
         for h in range(len(row)):
@@ -629,7 +611,7 @@ def relu_layer(x, w, b, out):
 @within
 def silu_layer(x, w, b, out):
     """Fill out (b, H) with silu(x w + b)."""
-    product(x, w, out)
+    multiply(x, w, out)
     for r in range(len(out)):
         row = out[r]
         for h in range(len(row)):
@@ -952,12 +934,12 @@ def slopes(s, zeta, j_row, centres, cells, room):
     features(s, zeta, centres, x)
     z1, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
     z2, back = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
-    product(x, w1[:k], z1)
+    multiply(x, w1[:k], z1)
     for r in range(rows):
         for h in range(width):
             z1[r, h] += b1[h]
             h1[r, h] = z1[r, h] * sigmoid(z1[r, h])
-    product(h1, w2, z2)
+    multiply(h1, w2, z2)
     for r in range(rows):
         for h in range(width):
             z = z2[r, h] + b2[h]
@@ -1210,9 +1192,9 @@ def learn_j(s, zeta, movement, goal, rate, j_row, centres, cells, room, g):
     z1, h1 = shaped(room.first, rows, width), shaped(room.second, rows, width)
     z2, h2 = shaped(room.third, rows, width), shaped(room.fourth, rows, width)
     back1 = z2  # when z2 is no longer needed
-    product(x, w1[:k], z1)
+    multiply(x, w1[:k], z1)
     activate(z1, b1, h1, b)
-    product(h1, w2, z2)
+    multiply(h1, w2, z2)
     activate(z2, b2, h2, b)
     known = 0
     for r in range(b):
