@@ -32,7 +32,8 @@ def install(session: nox.Session, constraints: list[str]) -> None:
 def run_tests(session: nox.Session, *options: str, **variables: str | None) -> None:
     """Run the tests that were named after `--`, or all, with environment `variables`."""
     cache = {"NUMBA_CACHE_DIR": str(Path(session.create_tmp()) / "numba")}  # of this session alone
-    session.run("python", "-m", "pytest", *options, *session.posargs, env={**cache, **variables})
+    parallel = ("-n", "auto", "--dist", "loadfile")
+    session.run("python", "-m", "pytest", *parallel, *options, *session.posargs, env={**cache, **variables})
 
 
 @nox.session

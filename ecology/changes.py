@@ -42,13 +42,13 @@ def read(fields: Mapping[str, Any], state: State) -> dict[str, np.ndarray]:
     return found
 
 
-def rename(changed: dict[str, np.ndarray], state: State, scenario: Scenario) -> None:
+def rename(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     """Add to `changed` what follows where `alive` is put: names, and causes of death, which only the dead have."""
     alive = changed["alive"]
     if "serial" not in changed:
         new = np.flatnonzero(alive & (state.serial < 0))
         require(
-            not new.size or any(s.grows for s in scenario.species),
+            not new.size or model.grows,
             f"put: nobody can live in the slots {new.tolist()}; a world without births has names only for the agents "
             "that start in it. Raise the count of their species.",
         )
@@ -105,7 +105,7 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
             good = (value >= low_) & (value < top)
             if not good.all():
                 _hold(name, value, good, f"a whole number from {low_} to {top[np.argmin(good)] - 1}")
-    _names(changed, state, scenario, alive)
+    _names(changed, state, model, alive)
 
 
 def inside(scenario: Scenario, place: Floats) -> Bools:
@@ -118,11 +118,11 @@ def inside(scenario: Scenario, place: Floats) -> Bools:
     return found
 
 
-def _names(changed: Mapping[str, np.ndarray], state: State, scenario: Scenario, alive: Bools) -> None:
+def _names(changed: Mapping[str, np.ndarray], state: State, model: Model, alive: Bools) -> None:
     """Raise EcologyError where two would have one name, or names and causes of death do not fit who lives."""
     serial, cause = changed.get("serial", state.serial), changed.get("cause", state.cause)
     if "serial" in changed:
-        same, named = serial == state.serial, any(s.grows for s in scenario.species)
+        same, named = serial == state.serial, model.grows
         new = named & (serial >= state.next_serial)
         _hold(
             "serial", serial, same | new, f"what it is, or in a world of births a new one from {state.next_serial} on"

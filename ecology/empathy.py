@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 class Coupling:
     """The constants of one species' empathy."""
 
+    species: str
     empathy: Empathy
     rows: slice  # n slots of those who feel
     others: Ints  # (m,) slots of those who may be felt
@@ -75,7 +76,7 @@ def compile_coupling(species: Sequence[Species], slots: Sequence[slice], width: 
                     column[theirs, v] = names.index(need.name)
         own = np.ones(width)
         own[: len(s.needs)] = list(own_weights(s, species).values())
-        found.append(Coupling(s.empathy, slots[i], others, weight, counts, column, own))
+        found.append(Coupling(s.name, s.empathy, slots[i], others, weight, counts, column, own))
     return found
 
 
@@ -196,5 +197,5 @@ def weigh(
     if coupling.empathy.sight and pairs is not None:
         seen = model.eyes.sees_others(pairs, state.position, state.heading, model.looks)
     weight = matrix(coupling, state, model.plane, pairs, seen, order)
-    factor = factors.get(model.scenario.species[model.species_of[coupling.rows.start]].name, 1.0)
+    factor = factors.get(coupling.species, 1.0)
     return weight if factor == 1.0 else weight * factor

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, TypedDict, Unpack
@@ -12,7 +11,7 @@ import numpy as np
 from pettingzoo import ParallelEnv
 
 from ecology.errors import EcologyError, nearest
-from ecology.model import Group
+from ecology.model import Group, compile_model
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Floats, Ints, State
@@ -46,12 +45,9 @@ class Ecology(ParallelEnv):
             horizon is None or (isinstance(horizon, (int, np.integer)) and horizon > 0),
             f"horizon must be a positive whole number of ticks, got {horizon!r}.",
         )
-        self.world = ArrayWorld(scenario)
-        self.scenario = scenario
+        self.world = ArrayWorld(compile_model(scenario))
         self.horizon = horizon
         self.render_mode = render_mode
-        self.dt, self.size, self.groups = self.world.model.dt, self.world.model.size, self.world.model.groups
-        self.open_population = any(s.grows for s in scenario.species)
         if not self.open_population:  # with births there is no end of names: see ecology.fixed
             founders = self.world.model.founders()
             self.possible_agents = [f"{s.name}_{serial}" for s, serials in founders for serial in serials]
@@ -62,12 +58,30 @@ class Ecology(ParallelEnv):
         """Return all but the picture, which a copy draws again."""
         return {**self.__dict__, "_picture": None}
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Ecology:
-        """Return an environment of its own, which shares only what never changes."""
-        twin = memo[id(self)] = object.__new__(type(self))
-        memo |= {id(self.scenario): self.scenario, id(self.groups): self.groups}
-        twin.__dict__.update(copy.deepcopy(self.__getstate__(), memo))
-        return twin
+    @property
+    def scenario(self) -> Scenario:
+        """Return the scenario of the world."""
+        return self.world.model.scenario
+
+    @property
+    def dt(self) -> float:
+        """Return the length of a tick, units of time."""
+        return self.world.model.dt
+
+    @property
+    def size(self) -> int:
+        """Return the number of slots of all species."""
+        return self.world.model.size
+
+    @property
+    def groups(self) -> Mapping[str, Group]:
+        """Return the slots of every species, by its name."""
+        return self.world.model.groups
+
+    @property
+    def open_population(self) -> bool:
+        """Return whether anyone can be born."""
+        return self.world.model.grows
 
     # ---- the world in arrays -------------------------------------------------------------
 

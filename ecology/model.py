@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ecology import empathy, physiology, resources, senses
 from ecology.actions import ActionTable, compile_actions
 from ecology.empathy import Coupling
+from ecology.errors import EcologyError, nearest
 from ecology.physiology import Body
 from ecology.plane import Plane, corners_of, plane_of
 from ecology.resources import ResourceTable
@@ -70,6 +72,21 @@ class Model:
     near: float  # distance within which anyone senses, meets or crowds another; 0: nobody does
     meets: bool  # whether bodies bite, give or crowd
     mortal: bool  # whether anyone can die
+    grows: bool  # whether anyone can be born
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Model:
+        """Return this model: it never changes, so copies of a world share it."""
+        return self
+
+    def group(self, species: str) -> Group:
+        """Return the group of a species; EcologyError where there is none."""
+        if species not in self.groups:
+            raise EcologyError(f"there is no species {species!r}. {nearest(str(species), self.groups)}")
+        return self.groups[species]
+
+    def coupling(self, species: str) -> Coupling | None:
+        """Return the empathy of a species, None where it has none."""
+        return next((each for each in self.couplings if each.species == species), None)
 
     def name_of(self, slot: int, serial: Ints) -> str:
         """Return the name of the agent in `slot`, given the `serial` (N,) of every slot."""
@@ -146,6 +163,7 @@ def compile_model(scenario: Scenario) -> Model:
         mortal=body.deadly
         or scenario.rule is not None
         or any(s.hazard is not None or any(a.kind == "bite" for a in s.actions) for s in species),
+        grows=any(s.grows for s in species),
     )
 
 

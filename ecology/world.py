@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -22,9 +21,8 @@ from ecology import (
     senses,
 )
 from ecology.errors import EcologyError, nearest
-from ecology.model import Model, compile_model
+from ecology.model import Model
 from ecology.physics import Physics
-from ecology.scenario import Scenario
 from ecology.senses import Perception
 from ecology.spec import require
 from ecology.state import Bools, Floats, Ints, State
@@ -56,21 +54,13 @@ class ArrayWorld:
     `copy.deepcopy` and `pickle` take a world at any tick, and the copy continues bit for bit.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        """Build the world of `scenario`; it starts with `reset`."""
-        self.model: Model = compile_model(scenario)
+    def __init__(self, model: Model) -> None:
+        """Build a world of `model`; it starts with `reset`."""
+        self.model = model
         self.seed: int | None = None  # of the last reset
         self.turnover = 0  # changes of who lives, so far
         self.reweighed: dict[str, float] = {}  # species -> factor of what it feels of others, 1 where not named
         self._state: State | None = None
-        self._grows = any(s.grows for s in scenario.species)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> ArrayWorld:
-        """Return a world of its own, which shares only the model."""
-        twin = memo[id(self)] = object.__new__(type(self))
-        memo[id(self.model)] = self.model
-        twin.__dict__.update(copy.deepcopy(self.__dict__, memo))
-        return twin
 
     @property
     def state(self) -> State:
@@ -138,7 +128,7 @@ class ArrayWorld:
         reward = np.where(born, 0.0, before.drive - state.drive)
         tick = self._observe(reward, died, deeds.closed, born, parent, killer)
         dead = bool(died.any())
-        if dead or (self._grows and born.any()):
+        if dead or (model.grows and born.any()):
             self.turnover += 1
         if dead:
             senses.show_fatal_needs(model, state, internal, died, tick.observations)
@@ -202,20 +192,17 @@ class ArrayWorld:
     def coupling(self, species: str, need: str | None = None) -> tuple[Floats, Ints] | None:
         """Return the weights of empathy, see `Ecology.coupling`."""
         model = self.model
-        if species not in model.groups:
-            raise EcologyError(f"there is no species {species!r}. {nearest(str(species), model.groups)}")
+        model.group(species)
         needs = model.needs[species]
         if need is not None and need not in needs:
             raise EcologyError(f"species {species!r} has no need {need!r}. {nearest(str(need), needs)}")
-        rows = model.groups[species].slots
-        for coupling in model.couplings:
-            if coupling.rows == rows:
-                column = None if need is None else needs.index(need)
-                weight = empathy.weigh(
-                    model, self.state, coupling, self.perception.pairs, self.lesion_order, self.reweighed
-                )
-                return empathy.weights(coupling, weight, self.state.alive, column)
-        return None
+        coupling = model.coupling(species)
+        if coupling is None:
+            return None
+        column = None if need is None else needs.index(need)
+        state = self.state
+        weight = empathy.weigh(model, state, coupling, self.perception.pairs, self.lesion_order, self.reweighed)
+        return empathy.weights(coupling, weight, state.alive, column)
 
     # ---- changing a world between ticks ------------------------------------------------------
 
@@ -224,7 +211,7 @@ class ArrayWorld:
         model, before = self.model, self.state
         changed = changes.read(values, before)
         if "alive" in changed:
-            changes.rename(changed, before, model.scenario)
+            changes.rename(changed, before, model)
         changes.check(changed, before, model)
         state = before.next()
         for name, value in changed.items():
@@ -238,9 +225,7 @@ class ArrayWorld:
     def settle(self, species: str, place: tuple[float, float], heading: float) -> tuple[Tick, int]:
         """Let one more agent live between ticks, see `Ecology.settle`."""
         model, state = self.model, self.state.next()
-        if species not in model.groups:
-            raise EcologyError(f"there is no species {species!r}. {nearest(species, model.groups)}")
-        rows = model.groups[species].slots
+        rows = model.group(species).slots
         free = rows.start + np.flatnonzero(~state.alive[rows])
         require(
             free.size > 0,
@@ -254,7 +239,7 @@ class ArrayWorld:
         new, serial, following = free[:1], state.serial[free[:1]].copy(), state.next_serial
         state.own("lost", "internal", "hold")
         life.start_lives(model, state, new, model.plane.home(np.array([place], float)), np.array([heading]))
-        if not self._grows:
+        if not model.grows:
             state.serial[new], state.next_serial = serial, following
         self._touch(state)
         return self._resume(state), int(new[0])
@@ -262,8 +247,7 @@ class ArrayWorld:
     def reweigh(self, species: str, factor: float) -> Tick:
         """Multiply what `species` feels of others by `factor`, see `Ecology.reweigh`."""
         model = self.model
-        rows = model.groups[species].slots if species in model.groups else None
-        coupling = next((each for each in model.couplings if each.rows == rows), None)
+        coupling = model.coupling(species)
         if coupling is None:
             able = [s.name for s in model.scenario.species if s.empathy is not None]
             raise EcologyError(
@@ -289,7 +273,7 @@ class ArrayWorld:
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> Tick:
         """Become the world that `snapshot` returned, see `Ecology.restore`."""
-        fresh = ArrayWorld(self.model.scenario)
+        fresh = ArrayWorld(self.model)
         fresh.reset(values["seed"])
         state = fresh.state.next()
         memory = fresh._physics.memory()  # of as many ticks as there were
