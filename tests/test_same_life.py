@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from same_life import LIVES, digest
 
+from ecology.lab.certificate import reference
+
 HERE = Path(__file__).parent
 KNOWN = json.loads((HERE / "same_life.json").read_text())
 NUMPY = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL", "OPENBLAS_CORETYPE": "Haswell"}
@@ -47,3 +49,12 @@ def test_a_life_does_not_depend_on_numpy_or_blas() -> None:
 def test_a_life_does_not_depend_on_the_compiler_s_target(environment: dict[str, str]) -> None:
     """Compiled for another processor, lives are the same."""
     assert lived_with(environment) == KNOWN
+
+
+def test_results_name_the_reference_life(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`ecology reproduce` says whether this machine gives the published digest, and what else it gives."""
+    assert KNOWN["paper"] == reference.PUBLISHED
+    monkeypatch.setattr(reference, "here", lambda: reference.PUBLISHED)
+    assert reference.line().endswith("as published.")
+    monkeypatch.setattr(reference, "here", lambda: "0123456789abcdef")
+    assert "0123456789abcdef, published 1a12" in reference.line()

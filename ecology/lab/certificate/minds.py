@@ -31,6 +31,7 @@ from ecology import EcologyError, Scenario, State, Tick, agents
 from ecology.agents import evaluation, lives
 from ecology.agents.base import Learner
 from ecology.errors import writable
+from ecology.lab.certificate import reference
 from ecology.lab.certificate.report import markdown
 from ecology.lab.runs import sweep
 from ecology.lab.runs.folder import CONFIG, lock, replace_text, write_json
@@ -427,11 +428,13 @@ def write(out: Path, done: Sequence[Job]) -> tuple[str, list[Path]]:
     )
     if first.settings:
         head += " Settings: " + ", ".join(f"{key}={value}" for key, value in first.settings.items()) + "."
+    head += f" {reference.line()}"
     text = f"{head}\n\n{markdown(HEAD, table)}"
     name = f"minds-{re.sub(r'[^A-Za-z0-9.-]+', '_', chip['numba_cpu_name'] or 'native')}"
     report = {
         "date": day, "ecology": ecology.__version__, **chip, "ticks": first.ticks, "life": first.life,
-        "settings": dict(first.settings), "table": [dict(zip(HEAD, row, strict=True)) for row in table], "seeds": seeds,
+        "settings": dict(first.settings), "reference_life": reference.here(),
+        "table": [dict(zip(HEAD, row, strict=True)) for row in table], "seeds": seeds,
     }  # fmt: skip
     with writable(out):
         replace_text(out / f"{name}.md", text)

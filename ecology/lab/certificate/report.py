@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ecology.lab.certificate import reference
 from ecology.lab.certificate.case import Row
 from ecology.lab.runs.folder import replace_text
 
@@ -50,7 +51,7 @@ def certificate(table: Mapping[str, Sequence[Row]]) -> str:
 def write(folder: Path, table: Mapping[str, Sequence[Row]], tables: Mapping[str, str]) -> list[Path]:
     """Write the certificate into the folder, as Markdown and as parquet (a row per row), and `tables` by name.
 
-    Returns the paths.
+    Below the table stands whether this machine gives the reference life. Returns the paths.
     """
     import pyarrow as pa  # slow to load
     from pyarrow import parquet
@@ -64,7 +65,7 @@ def write(folder: Path, table: Mapping[str, Sequence[Row]], tables: Mapping[str,
             theirs = {"theirs_mean": mean, "theirs_sd": spread, "theirs_n": count, "closed_form": row.closed}
             flat.append({"case": name, "what": row.what, **theirs, **own, "verdict": row.says()})
     folder.mkdir(parents=True, exist_ok=True)
-    replace_text(folder / TABLE, certificate(table))
+    replace_text(folder / TABLE, f"{certificate(table)}\n{reference.line()}\n")
     parquet.write_table(pa.Table.from_pylist(flat), folder / PARQUET)
     for name, text in tables.items():
         replace_text(folder / f"{name}.md", text)

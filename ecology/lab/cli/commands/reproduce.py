@@ -129,7 +129,7 @@ def _measure_minds(
 def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
     """Do the parts of cases that are not done, and write and print their rows."""
     from ecology.lab.certificate import ledger as ledgers
-    from ecology.lab.certificate import report
+    from ecology.lab.certificate import reference, report
 
     ledger, console = ledgers.Ledger(out), Console(stderr=True, quiet=quiet)
     work = [(case, part) for case in cases for part in ledgers.left(case, ledger)]
@@ -162,6 +162,7 @@ def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
             table.add_section()
         screen = Console()
         screen.print(table, width=screen.width if screen.is_terminal else WIDE)
+        print(reference.line())
         print(f"written: {', '.join(map(str, written))}")
 
 
