@@ -20,9 +20,9 @@ CODE = """
 import sys
 import numpy as np
 import ecology.agents.kernels
-from ecology import kernels
-kernels.fastest(np.zeros((1, 2)))
-print(kernels.__file__, kernels.fastest.stats.cache_path, sum(kernels.fastest.stats.cache_hits.values()))
+from ecology import physics
+physics.fastest(np.zeros((1, 2)))
+print(physics.__file__, physics.fastest.stats.cache_path, sum(physics.fastest.stats.cache_hits.values()))
 """
 DROP, WRITE_ANYWHERE = 24, 1  # PR_CAPBSET_DROP and CAP_DAC_OVERRIDE of Linux
 

@@ -20,7 +20,7 @@ from ecology import Ecology, EcologyError, agents, scenarios
 from ecology.agents.base import Learner
 from ecology.agents.loop import advance
 from ecology.decision import Decision
-from ecology.life import scatter
+from ecology.ground import scatter, wrap
 from ecology.observers import census, maps, picture, viewer
 from ecology.observers.recorder import Recorder, parts_of, read
 
@@ -838,7 +838,7 @@ def test_a_thousand_agents_take_48_bytes_each(tmp_path):
         )
     way = told(path, "/world/agents/crowd", "Arrows2D:vectors")[60]
     turned = np.arctan2(way[:, 1], way[:, 0]) - env.state_view.heading
-    assert np.abs(ecology.senses.wrap(turned)).max() <= np.pi / 512 + 1e-6
+    assert np.abs(wrap(turned)).max() <= np.pi / 512 + 1e-6
     assert told(path, "/world/agents/crowd", "action")[60].tolist() == env.state_view.action.tolist()
 
 

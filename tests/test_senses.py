@@ -8,7 +8,8 @@ import pytest
 import shapely
 
 import ecology
-from ecology import Need, scenarios, senses
+from ecology import Need, scenarios
+from ecology.ground import ground_of
 from ecology.scenarios.paper import ARENA, PLACES, WALK_UP_TO
 
 
@@ -45,16 +46,14 @@ def test_walls_hide_resources(position, seen):
 
 def test_sight_agrees_with_shapely():
     """At random places a line is clear exactly when shapely finds the segment within the arena."""
-    env = ecology.parallel_env(scenarios.load("paper", **ALL_ROUND))
     rng = np.random.default_rng(0)
     polygon = shapely.Polygon(ARENA.vertices)
     points = rng.uniform([0, 0], [8, 6], (6000, 2))
     points = points[polygon.contains(shapely.points(points))]
     start, end = points[: len(points) // 2], points[len(points) // 2 : len(points) // 2 * 2]
-    eyes = senses.compile_eyes(env.scenario.species, ARENA, env.scenario.resources)
     expected = polygon.covers(shapely.linestrings(np.stack([start, end], axis=1)))
     assert 0.2 < expected.mean() < 0.8
-    assert np.array_equal(senses.clear(eyes, start, end), expected)
+    assert np.array_equal(ground_of(ARENA).clear(start, end), expected)
 
 
 @pytest.mark.parametrize(
