@@ -22,6 +22,7 @@ import numpy as np
 
 from ecology.env import Ecology
 from ecology.errors import EcologyError
+from ecology.ground import split_room
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints, State
@@ -338,7 +339,7 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
             )
 
 
-def bodies_reach_everything(scenario: Scenario, ticks: int) -> None:
+def bodies_reach_everything(scenario: Scenario, _: int) -> None:
     """Hold the arena to be one room for the smallest body: no door is too narrow, no part cut off."""
     radius = min(species.radius for species in scenario.species)
     cut = "" if scenario.arena.torus else split_room(scenario.arena, radius)

@@ -169,6 +169,7 @@ class Scenario:
         for sense in species.senses:
             if sense not in SENSES:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
+            SENSES[sense].check(owner, self.day)
         for name in species.sees:
             require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
         for need in species.needs:
@@ -186,10 +187,6 @@ class Scenario:
             not twice,
             f"{owner}: the components of zeta need names of their own, {twice} appear twice; rename the need, or "
             "name every sense once.",
-        )
-        require(
-            "clock" not in species.senses or self.day is not None,
-            f"{owner}: the sense 'clock' needs the scenario's day, the length of its period.",
         )
 
     def _check_needs_named(self, species: Species) -> None:

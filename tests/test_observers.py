@@ -16,7 +16,7 @@ import pytest
 from worlds import ask, kind, square, start
 
 import ecology
-from ecology import Ecology, EcologyError, agents, scenarios
+from ecology import Arena, Ecology, EcologyError, agents, scenarios
 from ecology.agents.base import Learner
 from ecology.agents.loop import advance
 from ecology.decision import Decision
@@ -407,6 +407,21 @@ def test_rows_are_there_once_wherever_joining_was_killed(tmp_path):
     again.end()
     assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 6))
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_recording_shows_holes_and_inner_walls(tmp_path):
+    """The outer walls, each hole and each inner wall are a line, and the floor has a hole in it."""
+    from rerun.chunk import RrdReader
+
+    hole, wall = ((3.0, 3.0), (5.0, 3.0), (5.0, 5.0)), ((1.0, 1.0), (1.0, 4.0), (2.0, 4.0))
+    arena = Arena(vertices=((0, 0), (8, 0), (8, 8), (0, 8)), holes=[hole], walls=[wall])
+    path = tmp_path / "recording.rrd"
+    live(dataclasses.replace(one(), arena=arena, resources=(), species=(kind(),)), rerun_observer(path), ticks=2)
+    (chunk,) = RrdReader(str(path)).stream().filter(content="/world/walls", is_static=True)
+    (lines,) = chunk.to_record_batch().column("LineStrips2D:strips").to_pylist()
+    assert lines[1:] == [[*map(list, hole), list(hole[0])], [*map(list, wall)]]
+    fine = maps.cover(arena, 400)
+    assert 64 * fine.inside.mean() == pytest.approx(62.0, abs=0.1)
 
 
 def test_a_recording_reads_back(tmp_path):

@@ -27,7 +27,7 @@ Points = Sequence[tuple[float, float]]
 FARTHEST = 1e9  # length, of a vertex from the origin along an axis
 THIN = 1e-7  # width of an inner wall, as a share of the arena's longer side
 LEAST = 64  # and at least so many steps between the numbers that stand for its coordinates
-CUT = 1e-6  # share of the arena's area, below which a part that is cut off does not count
+CUT = 1e-6  # share of an area, below which a part that is cut off belongs to the walls
 
 
 class Part(NamedTuple):
@@ -48,9 +48,8 @@ def polygon_of(arena: Arena) -> shapely.Polygon:
     lines = shapely.MultiLineString([list(map(tuple, wall)) for wall in arena.inner_walls])
     walls = lines.buffer(thick / 2, cap_style="square", join_style="mitre")
     cut = shapely.union_all([*(shapely.Polygon(hole) for hole in arena.holes), walls])
-    # without crumbs, no wider than a wall
     rest = polygon.difference(cut)
-    parts = [part for part in getattr(rest, "geoms", [rest]) if part.area > thick * math.sqrt(polygon.area)]
+    parts = [part for part in getattr(rest, "geoms", [rest]) if part.area > CUT * polygon.area]
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
 

@@ -14,6 +14,7 @@ from ecology.spec import Arena
 from ecology.state import Bools, Floats
 
 SLACK = 0.02  # overlap with a wall that a path tolerates, length
+POINTED = 1.5  # radii that a way around a pointed corner keeps from it at most
 
 Norm = Callable[[Floats], Floats]  # (..., 2) -> (...), the cost of a straight walk
 
@@ -40,7 +41,7 @@ class Paths:
     """Shortest walks of a body in an arena: a visibility graph over the corners to go around, those of holes too."""
 
     def __init__(self, arena: Arena, radius: float) -> None:
-        room = polygon_of(arena).buffer(-radius, join_style="mitre")
+        room = polygon_of(arena).buffer(-radius, join_style="mitre", mitre_limit=POINTED)
         parts = [shapely.geometry.polygon.orient(part) for part in getattr(room, "geoms", [room])]
         corners = []
         for ring in [ring for part in parts for ring in (part.exterior, *part.interiors)]:
@@ -48,7 +49,7 @@ class Paths:
             came, goes = at - np.roll(at, 1, axis=0), np.roll(at, -1, axis=0) - at
             corners.append(at[came[:, 0] * goes[:, 1] - came[:, 1] * goes[:, 0] < -1e-9])
         self.corners = np.concatenate(corners)  # (c, 2) the reflex ones
-        self._room = room.buffer(min(SLACK, radius / 2), join_style="mitre")
+        self._room = room.buffer(min(SLACK, radius / 2), join_style="mitre", mitre_limit=POINTED)
         shapely.prepare(self._room)
         self._linked = self.clear(self.corners[:, None], self.corners[None])  # (c, c)
 

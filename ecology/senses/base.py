@@ -62,6 +62,10 @@ class Sense:
 
     components: tuple[Component, ...]
 
+    @classmethod
+    def check(cls, owner: str, day: float | None) -> None:
+        """Raise EcologyError, which begins with `owner`, where a scenario with this `day` cannot have the sense."""
+
     def __init__(self, whose: Perceiver) -> None:
         """Compile the sense for `whose` species."""
         raise NotImplementedError

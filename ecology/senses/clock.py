@@ -9,6 +9,7 @@ import numpy as np
 
 from ecology import elementary
 from ecology.senses.base import Component, Perceiver, Perception, Sense
+from ecology.spec import require
 from ecology.state import State
 
 if TYPE_CHECKING:
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
 
 class Clock(Sense):
     """Sense cosine and sine of the time of day."""
+
+    @classmethod
+    def check(cls, owner: str, day: float | None) -> None:
+        """Hold the scenario to have a day."""
+        require(day is not None, f"{owner}: the sense 'clock' needs the scenario's day, the length of its period.")
 
     def __init__(self, whose: Perceiver) -> None:
         """Compile the sense."""

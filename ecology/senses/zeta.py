@@ -24,7 +24,7 @@ from ecology.state import Bools, Floats, Ints, State
 if TYPE_CHECKING:
     from ecology.model import Model
 
-SENSES: Mapping[str, type[Sense]] = {"position": Position, "heading": Heading, "clock": Clock}  # of `Species.senses`
+SENSES: dict[str, type[Sense]] = {"position": Position, "heading": Heading, "clock": Clock}  # of `Species.senses`
 
 
 @dataclass(frozen=True)
