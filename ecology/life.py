@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ecology import elementary, physiology
-from ecology.ground import Ground, plane_of, scatter, wrap
-from ecology.spec import Arena, Birth, Hazard, Species
+from ecology.ground import Ground, wrap
+from ecology.spec import Birth, Hazard, Species
 from ecology.state import CAUSES, Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 AROUND = 8  # directions in which a parent looks for room for its newborn
 
 
-def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def place(ground: Ground, species: Species, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return positions (count, 2) and headings (count,) at birth.
 
     Where the species fixes neither, they are drawn uniformly over the arena, a body's radius away
@@ -27,12 +27,12 @@ def place(arena: Arena, species: Species, count: int, rng: np.random.Generator) 
     if species.position is not None:
         position = np.tile(np.array(species.position, dtype=float), (count, 1))
     else:
-        position = scatter(arena, species.radius, count, rng)
+        position = ground.scatter(species.radius, count, rng)
     if species.heading is not None:
         heading = np.full(count, float(species.heading))
     else:
         heading = rng.uniform(-np.pi, np.pi, count)
-    return plane_of(arena).home(position), heading
+    return ground.plane.home(position), heading
 
 
 # ---- births ----------------------------------------------------------------------------------
@@ -49,7 +49,7 @@ def reproduce(model: Model, state: State, free: Bools, rng: np.random.Generator)
         arriving = (
             min(int(rng.poisson(species.arrival * model.dt)), len(slots) - len(parents)) if species.arrival else 0
         )
-        position, heading = place(model.scenario.arena, species, arriving, rng)
+        position, heading = place(model.ground, species, arriving, rng)
         if parents.size:
             near = beside(model.ground, state.position[parents], species.radius, rng)
             position = np.concatenate([near, position])

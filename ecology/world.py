@@ -318,14 +318,14 @@ class ArrayWorld:
 
 def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
     """Return the state in which a world starts."""
-    n, table, scenario = model.size, model.resources, model.scenario
+    n, table = model.size, model.resources
     r = len(table.stock)
     alive, serial = np.zeros(n, bool), np.full(n, -1)
     position, heading = np.tile(model.ground.rings[0][0], (n, 1)), np.zeros(n)
     for (s, serials), group in zip(model.founders(), model.groups.values(), strict=True):
         rows = slice(group.slots.start, group.slots.start + s.count)
         alive[rows], serial[rows] = True, serials
-        position[rows], heading[rows] = life.place(scenario.arena, s, s.count, rng["birth"])
+        position[rows], heading[rows] = life.place(model.ground, s, s.count, rng["birth"])
     nothing = np.zeros_like(model.body.start)
     return State(
         tick=0,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ecology.ground.outline import check_outline, split_room
 from ecology.ground.plane import Plane, plane_of, wrap
-from ecology.ground.scatter import scatter, scatter_in
-from ecology.ground.shape import Ground, ground_of
+from ecology.ground.scatter import scatter_in
+from ecology.ground.shape import Ground, ground_of, scatter
 
 __all__ = [
     "Ground",

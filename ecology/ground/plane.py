@@ -12,7 +12,7 @@ from ecology.compiler_cache import use_cache, within
 from ecology.spec import Arena
 from ecology.state import Floats
 
-use_cache(__file__, elementary.__file__)
+use_cache(__file__)
 
 
 @dataclass(frozen=True)

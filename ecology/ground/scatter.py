@@ -1,4 +1,4 @@
-"""Places at random: uniform over the arena, or over whatever shapely polygons."""
+"""Places at random, uniform over shapely polygons."""
 
 from __future__ import annotations
 
@@ -7,21 +7,10 @@ from typing import Any
 import numpy as np
 
 from ecology.errors import EcologyError
-from ecology.ground.outline import polygon_of
 from ecology.ground.walls import inside_rings
-from ecology.spec import Arena
 from ecology.state import Floats
 
 ROUNDS = 1_000  # of at least 18 points at random, none of them inside, after which an arena is too thin
-
-
-def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:
-    """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
-    if not count:
-        return np.empty((0, 2))
-    margin = 0.0 if arena.torus else margin
-    room = polygon_of(arena).buffer(-margin, join_style="mitre")
-    return scatter_in(room, count, rng, f"{margin!r} away from every wall")
 
 
 def scatter_in(room: Any, count: int, rng: np.random.Generator, where: str) -> Floats:

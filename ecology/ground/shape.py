@@ -10,6 +10,7 @@ import numpy as np
 from ecology import elementary
 from ecology.ground.outline import polygon_of, rings_of
 from ecology.ground.plane import Plane, plane_of
+from ecology.ground.scatter import scatter_in
 from ecology.ground.walls import clear_lines, inside_rings, stay_inside
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
@@ -56,6 +57,14 @@ class Ground:
         share = np.clip((offset * self.along).sum(-1) / (self.along**2).sum(-1), 0.0, 1.0)
         return elementary.hypot(*np.moveaxis(offset - share[..., None] * self.along, -1, 0)).min(axis=1)
 
+    def scatter(self, margin: float, count: int, rng: np.random.Generator) -> Floats:
+        """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
+        if not count:
+            return np.empty((0, 2))
+        margin = 0.0 if self.torus else margin
+        room = self.polygon.buffer(-margin, join_style="mitre")
+        return scatter_in(room, count, rng, f"{margin!r} away from every wall")
+
     def reflect(self, here: Floats, step: Floats) -> Floats:
         """Return where a point `here` (2,) ends after `step` (2,), mirrored at the walls, (2,)."""
         begin, wall = here, self.along
@@ -96,3 +105,8 @@ def ground_of(arena: Arena) -> Ground:
         along=end - start,
         open=convex or arena.torus,
     )
+
+
+def scatter(arena: Arena, margin: float, count: int, rng: np.random.Generator) -> Floats:
+    """Return points (count, 2), uniform over `arena` and at least `margin` from its walls."""
+    return ground_of(arena).scatter(margin, count, rng)

@@ -19,7 +19,7 @@ from ecology.state import Floats, Ints, State
 if TYPE_CHECKING:
     from ecology.model import Model
 
-use_cache(__file__, plane.__file__, elementary.__file__)
+use_cache(__file__, plane.__file__)
 
 
 class Others(Sense):
