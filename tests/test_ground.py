@@ -465,3 +465,12 @@ def test_a_walk_in_a_world_with_an_inner_wall_ends_at_it():
     for _ in range(20):
         env.step_arrays(ask(env, agent="east"))
     assert env.state_view.position[0] == pytest.approx([4.0 - RADIUS, 3.0], abs=0.01)
+
+
+def test_a_world_without_holes_keeps_its_digest():
+    """Checkpoints from before there were holes open: the words of such an arena are those of then."""
+    from ecology.lab.runs.run_config import words_of
+
+    assert words_of(room()) == {"vertices": [list(corner) for corner in SQUARE], "walls": True}
+    assert words_of(room(holes=[BOX]))["holes"] == [[list(corner) for corner in BOX]]
+    assert words_of(room(walls=[WALL]))["walls"] == [[list(point) for point in WALL]]
