@@ -439,7 +439,7 @@ class Arena:
 
     @property
     def torus(self) -> bool:
-        """Return whether who leaves on one side comes in on the other."""
+        """Return whether an agent that leaves on one side comes in on the other."""
         return self.walls is False
 
     @property

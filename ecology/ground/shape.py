@@ -32,7 +32,7 @@ class Ground:
 
     @property
     def torus(self) -> bool:
-        """Return whether who leaves on one side comes in on the other."""
+        """Return whether an agent that leaves on one side comes in on the other."""
         return self.plane.torus
 
     def inside(self, points: Floats) -> Bools:
