@@ -35,9 +35,8 @@ from ecology.agents.lives import (
     worst_block,
 )
 from ecology.agents.planner import Camping, Exploring, Paths, Planner, served
-from ecology.life import scatter
+from ecology.ground import scatter, wrap
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
-from ecology.senses import wrap
 from ecology.state import Bools, Floats, Ints
 
 BASELINES = ("planner", "camping", "greedy", "qvalue", "random", "rest")

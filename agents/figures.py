@@ -10,6 +10,7 @@ import numpy as np
 
 from ecology import EcologyError, Scenario, Species
 from ecology.agents.evaluation import DeviationCheck, Findings, Life, Maps
+from ecology.ground.outline import drawn_lines
 from ecology.observers import recorder
 from ecology.observers.colours import need_colour, resource_colours, shaded
 from ecology.observers.plotting import Axes, Circle, Figure, LineCollection, Polygon, new_figure
@@ -33,6 +34,8 @@ def arena(ax: Axes, scenario: Scenario, highlight: int = -1, labels: bool = True
     """Draw walls and resources; `highlight` is the resource that the picture is about, -1: all alike."""
     vertices = np.array(scenario.arena.vertices, float)
     ax.add_patch(Polygon(vertices, closed=True, fill=False, edgecolor=INK, linewidth=2.0, zorder=3))
+    for line in drawn_lines(scenario.arena)[1:]:
+        ax.plot(*line.T, color=INK, linewidth=2.0, zorder=3)
     colours = resource_colours(scenario)
     for i, resource in enumerate(scenario.resources):
         if resource.position is None:  # scattered anew in every world

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import elementary, kernels
+from ecology import elementary
+from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError
+from ecology.ground import plane
+from ecology.ground.plane import way_along
 from ecology.spec import Resource, Species
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
     from ecology.senses import Perception
+
+use_cache(__file__, plane.__file__)
 
 
 @dataclass(frozen=True)
@@ -129,7 +135,7 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
     state.own("heading", "action", "hold", "bound_for")
     going = 0
     for group, table in model.acting:
-        going += kernels.decide(
+        going += apply_choices(
             chosen, seen.masks[group.name], group.slots.start, model.dt, state.alive, state.hold, state.action,
             state.heading, state.bound_for, state.position, state.resource_position, seen.toward,
             model.plane.size, model.plane.torus, table.control, table.speed, table.turn, table.direction,
@@ -149,7 +155,7 @@ def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
             f"actions must be {model.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
         )
     found = np.where(state.alive, actions, 0).astype(np.int64)
-    bad = kernels.first_unknown(found, model.choices)
+    bad = first_unknown(found, model.choices)
     if bad >= 0:
         raise EcologyError(
             f"the action of {model.name_of(bad, state.serial)} must be a whole number from 0 to "
@@ -166,10 +172,140 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
     that still immobilises is the only one open. A dead slot has no open action.
     """
     return {
-        group.name: kernels.open_actions(
+        group.name: open_masks(
             state.internal[group.slots], state.alive[group.slots], state.hold[group.slots], state.action[group.slots],
             state.bound_for[group.slots], here[group.slots], toward[group.slots], targets[group.name],
             table.opens_from, table.closes_at, table.consumes, table.goes_to, table.meets, table.rest, table.committed,
         )
         for group, table in model.acting
     }  # fmt: skip
+
+
+# ---- compiled loops ----------------------------------------------------------------------------
+
+
+@compiled
+def first_unknown(actions: Ints, counts: Ints) -> int:
+    """Return the first slot whose action (N,) is no index into its `counts` (N,) actions, -1: all are."""
+    for i in range(len(actions)):
+        if actions[i] < 0 or actions[i] >= counts[i]:
+            return i
+    return -1
+
+
+@compiled
+def apply_choices(
+    wanted: Ints,
+    mask: Bools,
+    first: int,
+    dt: float,
+    alive: Bools,
+    hold: Floats,
+    action: Ints,
+    heading: Floats,
+    bound_for: Ints,
+    position: Floats,
+    patches: Floats,
+    toward: Ints,
+    size: Floats,
+    torus: bool,
+    acts_control: Floats,
+    acts_speed: Floats,
+    acts_turn: Floats,
+    acts_direction: Floats,
+    acts_goes_to: Ints,
+    acts_duration: Floats,
+    acts_bites: Bools,
+    rest: int,
+    control: Floats,
+    speed: Floats,
+    direction: Floats,
+    closed: Bools,
+    way: Floats,
+) -> int:
+    """Write what n slots of one species, from `first` on, do, and return how many go to a patch.
+
+    `wanted` (N,) are actions, of which the `mask` (n, A) lets some be. Written, by slot: `hold`, `action`, `heading`,
+    `bound_for`; `control` (N, V), `speed`, `direction` and `closed` (N,); `way` (N, 2) to the patch that a body goes
+    to, whose heading and direction are left to the caller.
+    """
+    going = 0
+    for row in range(len(mask)):
+        i = first + row
+        a = wanted[i]
+        open_ = mask[row, a]
+        closed[i] = alive[i] and not open_
+        if not open_:  # rest where it is open, else what the body is held to: a sleep, a committed go_to
+            a = rest if mask[row, rest] or not alive[i] else np.argmax(mask[row])
+        action[i] = a
+        for v in range(control.shape[1]):  # as an assignment of rows it would take four times as long to compile
+            control[i, v] = acts_control[a, v]
+        bound_for[i] = -1
+        if not alive[i]:
+            speed[i], direction[i] = 0.0, heading[i] if np.isnan(acts_direction[a]) else acts_direction[a]
+            continue
+        if acts_duration[a] > 0 and not acts_bites[a] and hold[i] <= 0:
+            hold[i] = acts_duration[a]
+        speed[i] = acts_speed[a]
+        if acts_goes_to[a] >= 0:
+            r = toward[i, acts_goes_to[a]]
+            bound_for[i] = r
+            way[i, 0] = way_along(position[i, 0], patches[r, 0], size[0], torus)
+            way[i, 1] = way_along(position[i, 1], patches[r, 1], size[1], torus)
+            speed[i] = min(speed[i], math.sqrt(way[i, 0] * way[i, 0] + way[i, 1] * way[i, 1]) / dt)
+            going += 1
+        else:
+            heading[i] = (heading[i] + acts_turn[a] * dt + math.pi) % (2 * math.pi) - math.pi
+        direction[i] = heading[i] if np.isnan(acts_direction[a]) else acts_direction[a]
+    return going
+
+
+@compiled
+def open_masks(
+    internal: Floats,
+    alive: Bools,
+    hold: Floats,
+    action: Ints,
+    bound_for: Ints,
+    here: Ints,
+    toward: Ints,
+    targets: Ints,
+    opens_from: Floats,
+    closes_at: Floats,
+    consumes: Ints,
+    goes_to: Ints,
+    meets: Ints,
+    rest: int,
+    committed: bool,
+) -> Bools:
+    """Return A_zeta, which actions are open, (n, A) for the n slots of one species; see `open_actions`."""
+    n, count, needs = len(internal), len(consumes), internal.shape[1]
+    mask = np.zeros((n, count), np.bool_)
+    for i in range(n):
+        if not alive[i]:
+            continue
+        if hold[i] > 0:
+            mask[i, action[i]] = True
+            continue
+        some = False
+        for a in range(count):
+            fits = True
+            for v in range(needs):
+                x = internal[i, v]
+                if not (opens_from[a, v] <= x < closes_at[a, v]):
+                    fits = False
+                    break
+            if fits and consumes[a] >= 0:
+                fits = here[i, consumes[a]] >= 0
+            if fits and goes_to[a] >= 0:
+                fits = toward[i, goes_to[a]] >= 0
+            if fits and meets[a] >= 0:
+                fits = targets[i, a] >= 0
+            mask[i, a] = fits
+            some |= fits
+        if committed and bound_for[i] >= 0 and goes_to[action[i]] >= 0 and mask[i, action[i]]:
+            mask[i, :] = False
+            mask[i, action[i]] = True
+        if not some:
+            mask[i, rest] = True  # a body whose thresholds close everything can still do nothing
+    return mask

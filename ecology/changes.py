@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from ecology.errors import EcologyError, nearest
+from ecology.ground import wrap
+from ecology.ground.outline import polygon_of
 from ecology.model import Model
 from ecology.scenario import Scenario
-from ecology.senses import wrap
 from ecology.spec import require
 from ecology.state import CAUSES, Bools, Floats, State
 
@@ -110,11 +111,11 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
 
 def inside(scenario: Scenario, place: Floats) -> Bools:
     """Return which of `place` (n, 2) a scenario would allow, (n,); all where the arena is a torus."""
-    if not scenario.arena.walls:
+    if scenario.arena.torus:
         return np.ones(len(place), bool)
     import shapely  # slow to load
 
-    found: Bools = shapely.contains_xy(shapely.Polygon(scenario.arena.vertices), place)
+    found: Bools = shapely.contains_xy(polygon_of(scenario.arena), place)
     return found
 
 

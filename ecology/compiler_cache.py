@@ -1,4 +1,7 @@
-"""A folder for compiled functions, also where neither the install folder nor the home can be written."""
+"""How loops are compiled, and a folder for them, also where neither the install folder nor the home can be written.
+
+A compiled loop stands in the file of its topic. Every such file calls `use_cache` first.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,9 @@ from pathlib import Path
 import numba
 
 from ecology.errors import EcologyError
+
+compiled = numba.njit(cache=True, no_cfunc_wrapper=True)  # type: ignore[call-overload]  # called by Python
+within = numba.njit(cache=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)  # type: ignore[call-overload]  # called by other kernels alone
 
 PLACES = ("/dev/shm",)  # tried where Python finds no temporary folder, as in a container without a writable /tmp
 

@@ -22,8 +22,7 @@ import numpy as np
 
 from ecology.env import Ecology
 from ecology.errors import EcologyError
-from ecology.kernels import inside_polygon, stays
-from ecology.plane import corners_of
+from ecology.ground import split_room
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints, State
@@ -317,20 +316,20 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
     if scenario.rule is not None:  # a rule may put a body behind a wall, so ways are looked at without it
         bodies_stay_inside(dataclasses.replace(scenario, rule=None), ticks)
     env = Ecology(scenario)
-    walls = corners_of(scenario.arena)
+    ground = env.world.model.ground
     (left, bottom), (right, top) = scenario.arena.extent
     came_from = np.empty((env.size, 2))
     for before, _, tick in _lives(env, 9, ticks):
         places = env.state_view.position
-        if scenario.arena.walls:
+        if not ground.torus:
             walked = before.alive & tick.alive & (env.state_view.tick > 1) & (scenario.rule is None)
-            for slot in np.flatnonzero(walked & ~stays(walls, came_from, places)).tolist():
+            for slot in np.flatnonzero(walked & ~ground.stays(came_from, places)).tolist():
                 raise EcologyError(
                     f"tick {env.state_view.tick}: {env.name_of(slot)} goes through a wall, from "
                     f"{came_from[slot].tolist()} to {places[slot].tolist()}."
                 )
             came_from = places.copy()
-            inside = inside_polygon(walls, places)
+            inside = ground.inside(places)
         else:
             x, y = places.T
             inside = (x >= left) & (x < right) & (y >= bottom) & (y < top)
@@ -338,6 +337,14 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
             raise EcologyError(
                 f"tick {env.state_view.tick}: {env.name_of(slot)} is outside the arena, at {places[slot].tolist()}."
             )
+
+
+def bodies_reach_everything(scenario: Scenario, _: int) -> None:
+    """Hold the arena to be one room for the smallest body: no door is too narrow, no part cut off."""
+    radius = min(species.radius for species in scenario.species)
+    cut = "" if scenario.arena.torus else split_room(scenario.arena, radius)
+    if cut:
+        raise EcologyError(f"{cut}; widen the passage, or make the body smaller.")
 
 
 def accounts_close(scenario: Scenario, ticks: int) -> None:
@@ -419,6 +426,7 @@ CHECKS: Mapping[str, Check] = {
     "a snapshot lives on bit for bit": a_snapshot_lives_on,
     "a copy lives on bit for bit": a_copy_lives_on,
     "nobody leaves the arena or goes through a wall": bodies_stay_inside,
+    "the smallest body can reach all of the arena": bodies_reach_everything,
     "every account closes": accounts_close,
     "names never return": names_never_return,
 }

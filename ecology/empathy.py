@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ecology import elementary, physiology
+from ecology.ground import Plane
 from ecology.neighbours import Pairs
 from ecology.physiology import Body
-from ecology.plane import Plane
 from ecology.spec import Empathy, Species
 from ecology.state import Bools, Floats, Ints, State
 

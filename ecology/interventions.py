@@ -131,7 +131,7 @@ def _place(env: Ecology, x: str, y: str) -> tuple[float, float]:
         (left, bottom), (right, top) = env.scenario.arena.extent
         raise EcologyError(
             f"the place ({x}, {y}) lies outside the arena, which extends from ({left:g}, {bottom:g}) to "
-            f"({right:g}, {top:g})."
+            f"({right:g}, {top:g}){', but for its holes' * bool(env.scenario.arena.holes)}."
         )
     return place
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary, kernels
+from ecology import elementary
+from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError, nearest
-from ecology.kernels import inside_polygon
+from ecology.ground import Ground, ground_of, walls
+from ecology.ground.walls import clear_lines
 from ecology.neighbours import Pairs
 from ecology.spec import Arena
 from ecology.state import Bools, Floats, Ints, State
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from ecology.model import Model
     from ecology.scenario import Scenario
     from ecology.senses import Perception
+
+use_cache(__file__, walls.__file__)
 
 
 @dataclass
@@ -56,6 +60,7 @@ class World:
     actions: Mapping[str, tuple[str, ...]]  # by species, in the order of the indices
     resources: Mapping[str, slice] = field(default_factory=dict)  # rows of its patches, by resource
     arena: Arena | None = None
+    ground: Ground | None = None  # of the arena, once compiled
 
     def resource(self, name: str) -> slice:
         """Return the rows of the patches of a resource in `state.stock`, `state.resource_position` and the like."""
@@ -63,9 +68,10 @@ class World:
 
     def inside(self, position: Floats) -> Bools:
         """Return which of `position` (n, 2) lie in the arena, (n,); all do where it has no walls, as a torus."""
-        if self.arena is None or not self.arena.walls:
+        if self.arena is None:
             return np.ones(len(position), bool)
-        return inside_polygon(np.array(self.arena.vertices, float), np.asarray(position, float))
+        ground = ground_of(self.arena) if self.ground is None else self.ground
+        return ground.inside(position)
 
     def column(self, species: str, need: str) -> int:
         """Return the column of a need of `species` in `state.internal`."""
@@ -240,7 +246,7 @@ def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) 
     assert rule is not None
     world = World(
         state.readonly(), model.dt, {g.name: g.slots for g in groups}, model.needs,
-        {g.name: g.actions for g in groups}, model.patches, model.scenario.arena,
+        {g.name: g.actions for g in groups}, model.patches, model.scenario.arena, model.ground,
     )  # fmt: skip
     outcome = checked(rule(world, rng), model.scenario, world)
     living = state.alive[:, None]
@@ -261,7 +267,7 @@ def _aim_of(model: Model, state: State, pairs: Pairs | None, rows: slice, table:
     targets = np.full((rows.stop - rows.start, len(table.names)), -1)
     for a in table.meeting:
         assert pairs is not None
-        targets[:, a] = kernels.in_reach(
+        targets[:, a] = in_reach(
             pairs.starts, pairs.other, pairs.distance, rows.start, len(targets), table.reach[a], table.meets[a],
             model.species_of, state.position, model.eyes.wall_from, model.eyes.wall_along, model.eyes.open,
         )  # fmt: skip
@@ -283,3 +289,34 @@ def succeed(attackers: Ints, victims: Ints, chance: Floats, dt: float, slots: in
 def gifts(wanted: Floats, held: Floats) -> Floats:
     """Return what is given (k, V) of what is `wanted` (k, V): at most what is `held` (k, V) above the bound."""
     return np.minimum(wanted, np.maximum(held, 0.0))
+
+
+@compiled
+def in_reach(
+    starts: Ints,
+    other: Ints,
+    distance: Floats,
+    first: int,
+    n: int,
+    reach: float,
+    wanted: int,
+    species_of: Ints,
+    position: Floats,
+    wall_from: Floats,
+    wall_along: Floats,
+    open_: bool,
+) -> Ints:
+    """Return whom of the species `wanted` is nearest in `reach`, no wall between, for n slots from `first` on: (n,)."""
+    found = np.full(n, -1)
+    for row in range(n):
+        i = first + row
+        for p in range(starts[i], starts[i + 1]):
+            j = other[p]
+            if distance[p] > reach:
+                break
+            if species_of[j] == wanted and (
+                open_ or clear_lines(wall_from, wall_along, position[i : i + 1], position[j : j + 1])[0]
+            ):
+                found[row] = j
+                break
+    return found

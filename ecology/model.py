@@ -12,11 +12,12 @@ from ecology import empathy, physiology, resources, senses
 from ecology.actions import ActionTable, compile_actions
 from ecology.empathy import Coupling
 from ecology.errors import EcologyError, nearest
+from ecology.ground import Ground, Plane, ground_of
 from ecology.physiology import Body
-from ecology.plane import Plane, corners_of, plane_of
 from ecology.resources import ResourceTable
 from ecology.scenario import Scenario
-from ecology.senses import Eyes, Gaze, Layout
+from ecology.senses import Gaze, Layout
+from ecology.sight import Eyes, compile_eyes
 from ecology.spec import Species
 from ecology.state import Bools, Floats, Ints
 
@@ -44,13 +45,13 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The constants of a world of N slots, V needs (the most of any species), R patches and W walls."""
+    """The constants of a world of N slots, V needs (the most of any species) and R patches."""
 
     scenario: Scenario
     dt: float
     size: int  # N
     plane: Plane
-    walls: Floats  # (W, 2) corners of the arena, which lies on the left of every wall
+    ground: Ground
     groups: Mapping[str, Group]  # by species
     tables: tuple[ActionTable, ...]  # by species
     acting: tuple[tuple[Group, ActionTable], ...]  # every group with its actions
@@ -108,7 +109,7 @@ class Model:
 def compile_model(scenario: Scenario) -> Model:
     """Return the constants of the world of `scenario`."""
     species, arena = scenario.species, scenario.arena
-    dt = float(scenario.dt)
+    ground, dt = ground_of(arena), float(scenario.dt)
     width = max(len(s.needs) for s in species)
     counts = [s.slots for s in species]
     blocks = _blocks(counts)
@@ -138,8 +139,8 @@ def compile_model(scenario: Scenario) -> Model:
         scenario=scenario,
         dt=dt,
         size=sum(counts),
-        plane=plane_of(arena),
-        walls=corners_of(arena),
+        plane=ground.plane,
+        ground=ground,
         groups=groups,
         tables=tables,
         acting=tuple(zip(groups.values(), tables, strict=True)),
@@ -148,7 +149,7 @@ def compile_model(scenario: Scenario) -> Model:
         needs={s.name: tuple(need.name for need in s.needs) for s in species},
         patches=dict(zip([r.name for r in kinds], _blocks([r.count for r in kinds]), strict=True)),
         body=body,
-        eyes=senses.compile_eyes(species, arena, kinds),
+        eyes=compile_eyes(species, ground, kinds),
         resources=resources.compile_resources(kinds, arena, species),
         couplings=tuple(empathy.compile_coupling(species, blocks, width)),
         radius=np.repeat([float(s.radius) for s in species], counts),

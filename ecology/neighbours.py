@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from ecology.kernels import pairs_within
-from ecology.plane import Plane
+import numpy as np
+
+from ecology.compiler_cache import compiled, use_cache, within
+from ecology.ground import Plane, plane
+from ecology.ground.plane import way_along
 from ecology.state import Bools, Floats, Ints
+
+use_cache(__file__, plane.__file__)
 
 
 @dataclass(frozen=True)
@@ -28,3 +34,102 @@ def find(plane: Plane, position: Floats, alive: Bools, radius: float, last: Pair
     """
     room = 16 + (16 * len(alive) if last is None else len(last.who) * 9 // 8)
     return Pairs(*pairs_within(position, alive, plane.low, plane.size, plane.torus, radius, room))
+
+
+@within
+def _cell(x: float, low: float, width: float, count: int) -> int:
+    return min(max(int((x - low) / width), 0), count - 1)
+
+
+@within
+def _longer(values: np.ndarray, room: int) -> np.ndarray:
+    longer = np.empty(room, values.dtype)
+    longer[: len(values)] = values
+    return longer
+
+
+@compiled
+def pairs_within(
+    points: Floats, alive: Bools, low: Floats, size: Floats, torus: bool, radius: float, room: int
+) -> tuple[Ints, Ints, Floats, Floats, Ints]:
+    """Return who, other (P,), gap (P, 2) and distance (P,) of all pairs of living points (n, 2) at most `radius` apart.
+
+    By who, and for each the nearest first, ties by index; with them where those of each start, (n + 1,). A grid of
+    cells at least `radius` wide is searched; on a torus the radius must be at most a third of the size, else every
+    pair is looked at. `room` is for how many pairs room is made at first.
+    """
+    n = len(points)
+    nx = int(min(max(size[0] / radius, 1.0), math.sqrt(n) + 1.0))
+    ny = int(min(max(size[1] / radius, 1.0), math.sqrt(n) + 1.0))
+    if torus and (nx < 3 or ny < 3):
+        nx = ny = 1
+    wx, wy = size[0] / nx, size[1] / ny
+    # the points in the order of their cells, so that what lies near is read together
+    cell = np.full((n, 2), -1)
+    start = np.zeros(nx * ny + 1, np.int64)
+    for i in range(n):
+        if alive[i]:
+            cell[i, 0] = _cell(points[i, 0], low[0], wx, nx)
+            cell[i, 1] = _cell(points[i, 1], low[1], wy, ny)
+            start[cell[i, 0] * ny + cell[i, 1] + 1] += 1
+    start = np.cumsum(start)
+    fill = start[:-1].copy()
+    order, x, y = np.empty(n, np.int64), np.empty(n), np.empty(n)
+    for i in range(n):
+        if alive[i]:
+            c = cell[i, 0] * ny + cell[i, 1]
+            order[fill[c]], x[fill[c]], y[fill[c]] = i, points[i, 0], points[i, 1]
+            fill[c] += 1
+    starts = np.zeros(n + 1, np.int64)
+    who, other, gap, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
+    most = radius * radius * (1.0 + 1e-9)  # beyond it nobody needs a root
+    close, index = np.empty(n + 1), np.empty(n + 1, np.int64)  # of those near one
+    reach_x, reach_y = (1 if nx > 1 else 0), (1 if ny > 1 else 0)
+    p = 0
+    for i in range(n):
+        first = p
+        starts[i] = p
+        if not alive[i]:
+            continue
+        xi, yi = points[i, 0], points[i, 1]
+        found = 0
+        for a in range(-reach_x, reach_x + 1):
+            cx = cell[i, 0] + a
+            if torus:
+                cx %= nx
+            elif cx < 0 or cx >= nx:
+                continue
+            for b in range(-reach_y, reach_y + 1):
+                cy = cell[i, 1] + b
+                if torus:
+                    cy %= ny
+                elif cy < 0 or cy >= ny:
+                    continue
+                c = cx * ny + cy
+                for k in range(start[c], start[c + 1]):  # without a branch: about a third is near enough
+                    dx, dy = way_along(xi, x[k], size[0], torus), way_along(yi, y[k], size[1], torus)
+                    square = dx * dx + dy * dy
+                    close[found], index[found] = square, order[k]
+                    found += (square <= most) & (order[k] != i)
+        if p + found > room:
+            room = 2 * room + found
+            who, other, distance = _longer(who, room), _longer(other, room), _longer(distance, room)
+        for k in range(found):
+            d, j = math.sqrt(close[k]), index[k]
+            if d > radius:
+                continue
+            at = p  # insertion: the pairs of one are few
+            while at > first and (distance[at - 1] > d or (distance[at - 1] == d and other[at - 1] > j)):
+                distance[at], other[at] = distance[at - 1], other[at - 1]
+                at -= 1
+            distance[at], other[at], who[p] = d, j, i
+            p += 1
+        if room > len(gap):
+            gap_ = np.empty((room, 2))
+            gap_[:first] = gap[:first]
+            gap = gap_
+        for at in range(first, p):
+            gap[at, 0] = way_along(xi, points[other[at], 0], size[0], torus)
+            gap[at, 1] = way_along(yi, points[other[at], 1], size[1], torus)
+    starts[n] = p
+    return who[:p], other[:p], gap[:p], distance[:p], starts

@@ -16,10 +16,14 @@ import pymunk
 import pymunk.batch
 
 from ecology import elementary
-from ecology.kernels import command_bodies, fastest, glide
-from ecology.plane import corners_of, plane_of
-from ecology.spec import Arena
+from ecology.compiler_cache import compiled, use_cache
+from ecology.elementary import cosine_and_sine
+from ecology.ground import Ground, walls
+from ecology.ground.outline import thickened
+from ecology.ground.walls import first_exit
 from ecology.state import Bools, Floats
+
+use_cache(__file__, walls.__file__, elementary.__file__)
 
 WALL = 0.05  # radius of a thick wall's segments, length; their inner faces are the arena's edges
 ROUNDED = 0.5  # of a wall's corner that thick segments may cut off at most, as a share of the smallest radius
@@ -28,6 +32,8 @@ REBUILD = 200  # ticks after which the solver's memory of contacts is dropped
 SOLID, GHOST, WALLS = 1, 2, 4  # categories of what can touch
 SPATIAL_HASH_FROM = 300  # bodies; below, pymunk's default tree is faster
 NOWHERE = np.empty((0, 2))
+# how often a way that a wall holds is bent, and how far from the wall it then ends at least, in radii
+BENDS, ASIDE = 4, 0.5
 MOVE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 COMMAND = MOVE | pymunk.batch.BodyFields.FORCE
 SOLVER = ("space", "shapes", "_buffer", "_command", "_step")  # attributes that a copy builds anew
@@ -41,16 +47,16 @@ class Physics:
     A copy builds its solver when it first moves, and then repeats these ticks.
     """
 
-    def __init__(self, arena: Arena, radius: Floats, solid: Bools, position: Floats, alive: Bools) -> None:
+    def __init__(self, ground: Ground, radius: Floats, solid: Bools, position: Floats, alive: Bools) -> None:
         """Place N circles of `radius` (N,) at `position` (N, 2); dead ones touch nothing, ghosts the walls only."""
-        self.arena, self.radius, self.solid = arena, radius, solid
-        self.plane = plane_of(arena)
+        self.ground, self.radius, self.solid = ground, radius, solid
+        self.plane = ground.plane
         self.count = len(radius)
         self.smallest = float(radius.min()) if self.count else 1.0
-        self.corners = corners_of(arena) if arena.walls else NOWHERE
-        thick = _outward(arena, ROUNDED * self.smallest)
-        self._walls, self._thick = (self.corners, 0.0) if thick is None else (thick, WALL)
-        self.touches = arena.walls or bool(solid.any())
+        self._start, self._end = (NOWHERE, NOWHERE) if ground.torus else (ground.start, ground.end)
+        thick = None if ground.torus else thickened(ground.polygon, WALL, ROUNDED * self.smallest)
+        self._rings, self._thick = (list(ground.rings), 0.0) if thick is None else (thick, WALL)
+        self.touches = not ground.torus or bool(solid.any())
         self._build(position, alive)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -74,13 +80,13 @@ class Physics:
         for body, place in zip(bodies, position.tolist(), strict=True):
             body.position = place
         self.space.add(*bodies, *self.shapes)
-        if self.arena.walls:
-            for a, b in zip(self._walls, np.roll(self._walls, -1, axis=0), strict=True):
+        for ring in () if self.ground.torus else self._rings:
+            for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
                 wall = pymunk.Segment(self.space.static_body, tuple(a), tuple(b), self._thick)
                 wall.filter = pymunk.ShapeFilter(categories=WALLS)
                 self.space.add(wall)
         # one row per body and one, the last, for the static body that carries the walls
-        self._rows = self.count + self.arena.walls
+        self._rows = self.count + (not self.ground.torus)
         self._command = np.zeros((self._rows, 6))
         self._buffer = pymunk.batch.Buffer()
         self._touch(np.arange(self.count), alive)
@@ -132,7 +138,7 @@ class Physics:
             pymunk.batch.get_space_bodies(space, MOVE, buffer)
             moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)
             after, corrected = glide(
-                moved, self.count, h, self.corners, self.radius, position, after, seen, bends, left == 0
+                moved, self.count, h, self._start, self._end, self.radius, position, after, seen, bends, left == 0
             )
             held += corrected
         return after, held
@@ -165,15 +171,98 @@ class Physics:
             self._solve(position, velocity, alive, dt)
 
 
-def _outward(arena: Arena, cut: float) -> Floats | None:
-    """Return the corners (W, 2) of a polygon whose edges lie WALL outside those of `arena`.
+# ---- compiled loops ----------------------------------------------------------------------------
 
-    None where more than `cut` of a wall would be left out, because it is too thin or too pointed, or without walls.
+
+@compiled
+def velocities(direction: Floats, speed: Floats) -> Floats:
+    """Return the velocity (n, 2) of each direction and speed (n,)."""
+    found = np.empty((len(speed), 2))
+    for i in range(len(speed)):
+        cosine, sine = cosine_and_sine(direction[i])
+        found[i, 0], found[i, 1] = cosine * speed[i], sine * speed[i]
+    return found
+
+
+@compiled
+def fastest(velocity: Floats) -> float:
+    """Return the greatest speed among velocities (n, 2)."""
+    most = 0.0
+    for i in range(len(velocity)):
+        most = max(most, velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1])
+    return math.sqrt(most)
+
+
+@compiled
+def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float) -> None:
+    """Write position, no velocity and the force that gives unit masses their `velocity` (n, 2) in h, (>= n, 6)."""
+    for i in range(len(position)):
+        command[i, 0], command[i, 1] = position[i, 0], position[i, 1]
+        command[i, 2], command[i, 3] = 0.0, 0.0
+        command[i, 4], command[i, 5] = velocity[i, 0] / h, velocity[i, 1] / h
+
+
+@compiled
+def glide(
+    moved: Floats,
+    n: int,
+    h: float,
+    start: Floats,
+    end: Floats,
+    radius: Floats,
+    here: Floats,
+    before: Floats,
+    seen: Floats,
+    bends: bool,
+    last: bool,
+) -> tuple[Floats, int]:
+    """Return where n bodies of rows (>= n, 4), position and velocity, are after a substep of h, and how many are held.
+
+    With walls from `start` to `end` (W, 2), a way from `before` (n, 2) that leaves the arena `bends` along the wall, or
+    is not gone. After the `last` substep, neither does the straight way from `here` (n, 2), where the tick began: a
+    body then ends where it was last `seen` (n, 2) from there, which is written. Held are those whose way was changed.
     """
-    import shapely  # slow to load, needed once per world
-
-    if not arena.walls:
-        return None
-    polygon = shapely.Polygon(arena.vertices)
-    grown = polygon.buffer(WALL, join_style="mitre", mitre_limit=10.0).exterior
-    return np.array(grown.coords)[:-1] if grown.buffer(WALL + cut).covers(polygon.exterior) else None
+    found, held, several = np.empty((n, 2)), 0, not (bends and last)
+    boxes = np.empty((4, len(end)))  # of the walls
+    for w in range(len(end)):
+        for k in range(2):
+            boxes[k, w] = min(end[w, k], start[w, k])
+            boxes[2 + k, w] = max(end[w, k], start[w, k])
+    for i in range(n):
+        ax, ay, sx, sy = before[i, 0], before[i, 1], here[i, 0], here[i, 1]
+        bx, by = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
+        found[i, 0], found[i, 1] = bx, by
+        low_x, high_x, low_y, high_y = min(ax, bx, sx), max(ax, bx, sx), min(ay, by, sy), max(ay, by, sy)
+        near = 0
+        for w in range(len(end)):  # no branches: most bodies are near no wall
+            near += (boxes[0, w] <= high_x) & (boxes[1, w] <= high_y) & (boxes[2, w] >= low_x) & (boxes[3, w] >= low_y)
+        if near == 0 or (bx == sx and by == sy):
+            if several:
+                seen[i, 0], seen[i, 1] = bx, by
+            continue
+        changed = False
+        wall = first_exit(start, end, ax, ay, bx, by) if bends else -1
+        for _ in range(BENDS):
+            if wall < 0:
+                break
+            changed = True
+            x, y = end[wall, 0], end[wall, 1]
+            along_x, along_y = x - start[wall, 0], y - start[wall, 1]
+            length = math.sqrt(along_x * along_x + along_y * along_y)
+            inward_x, inward_y = -along_y / length, along_x / length
+            was = (ax - x) * inward_x + (ay - y) * inward_y  # how far from the wall
+            would = (bx - x) * inward_x + (by - y) * inward_y
+            back = min(max(was, ASIDE * radius[i]), radius[i]) - would
+            bx, by = bx + back * inward_x, by + back * inward_y
+            wall = first_exit(start, end, ax, ay, bx, by)
+        if wall >= 0:
+            bx, by = ax, ay
+        if several or ax != sx or ay != sy:  # else it has just been looked at
+            if first_exit(start, end, sx, sy, bx, by) < 0:
+                seen[i, 0], seen[i, 1] = bx, by
+            elif last:
+                changed = True
+                bx, by = seen[i, 0], seen[i, 1]
+        found[i, 0], found[i, 1] = bx, by
+        held += changed
+    return found, held

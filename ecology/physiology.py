@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import elementary, kernels
+from ecology import elementary
+from ecology.compiler_cache import compiled, use_cache
 from ecology.spec import Need, Species
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
+
+use_cache(__file__)
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ def commit(model: Model, state: State, internal: Floats, taken: Floats, died: Bo
     """
     body = model.body
     state.own("metabolised", "lost", "age", "hold")
-    state.internal, state.alive = kernels.live(
+    state.internal, state.alive = live(
         state.alive, died, state.internal, taken, internal, body.low, body.high,
         state.metabolised, state.lost, state.age, state.hold, model.dt,
     )  # fmt: skip
@@ -165,3 +168,38 @@ def first_fatal(body: Body, internal: Floats) -> Ints:
 def _beyond(body: Body, internal: Floats) -> Bools:
     """Return which lethal needs are beyond their bounds, (n, V)."""
     return ((internal < body.low) | (internal > body.high)) & body.lethal
+
+
+@compiled
+def live(
+    alive: Bools,
+    died: Bools,
+    before: Floats,
+    taken: Floats,
+    after: Floats,
+    low: Floats,
+    high: Floats,
+    metabolised: Floats,
+    lost: Floats,
+    age: Floats,
+    hold: Floats,
+    dt: float,
+) -> tuple[Floats, Bools]:
+    """Return x (N, V) kept within its bounds, the organism's automatic regulation, and who lives on (N,).
+
+    x goes from `before` to `after` by f and g and what was `taken` from outside; one that dies, or is dead, keeps
+    what it was. Written: `metabolised` and `lost` (N, V), before + taken - metabolised - lost = kept; `age`, `hold`.
+    """
+    kept, lives = before.copy(), np.empty(len(alive), np.bool_)
+    for i in range(len(alive)):
+        lives[i] = alive[i] and not died[i]
+        if alive[i]:
+            for v in range(before.shape[1]):
+                if lives[i]:
+                    kept[i, v] = min(max(after[i, v], low[i, v]), high[i, v])
+                metabolised[i, v] += before[i, v] + taken[i, v] - after[i, v]
+                lost[i, v] += after[i, v] - kept[i, v]
+        if lives[i]:
+            age[i] += dt
+        hold[i] = max(hold[i] - dt, 0.0) if hold[i] > 1.5 * dt else 0.0
+    return kept, lives

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import elementary, kernels
-from ecology.life import scatter_in
-from ecology.plane import plane_of
+from ecology import elementary
+from ecology.compiler_cache import compiled, use_cache
+from ecology.ground import Ground, scatter_in
+from ecology.ground.outline import polygon_of
 from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource, Season, Species
 from ecology.state import Bools, Floats, Ints, State
 
@@ -22,8 +23,9 @@ if TYPE_CHECKING:
     from ecology.model import Model
     from ecology.senses import Perception
 
+use_cache(__file__)
+
 CRUMB = 1e-9  # share of a stock; who asks for all but a crumb gets the crumb too, so that it is empty
-MIRRORS = 8  # reflections in one tick, after which a drifting resource stays where it was
 
 
 @dataclass(frozen=True)
@@ -119,11 +121,11 @@ def too_far(resource: Resource, arena: Arena, species: Species) -> bool:
     """
     import shapely  # slow to load, needed once per world
 
-    if not arena.walls or resource.position is None:
+    if arena.torus or resource.position is None:
         return False
     place, motion = resource.position, resource.motion
     way = shapely.LineString([place, motion.to]) if isinstance(motion, Oscillation) else shapely.Point(place)
-    free = shapely.Polygon(arena.vertices).buffer(-species.radius)
+    free = polygon_of(arena).buffer(-species.radius)
     return bool(free.distance(way) > resource.radius)
 
 
@@ -132,10 +134,8 @@ def room_of(resource: Resource, arena: Arena, everyone: Sequence[Species]) -> An
 
     The circle lies within the walls, and a body of one of the species of `everyone` that consume it can come into it.
     """
-    import shapely  # slow to load, needed once per world
-
-    polygon = shapely.Polygon(arena.vertices)
-    if not arena.walls:
+    polygon = polygon_of(arena)
+    if arena.torus:
         return polygon
     room = polygon.buffer(-resource.radius, join_style="mitre")
     smallest = min((s.radius for s in consumers(resource, everyone)), default=0.0)
@@ -153,13 +153,13 @@ def eat(model: Model, state: State, seen: Perception, control: Floats) -> tuple[
     wanted, total, source = np.zeros(control.shape), np.zeros(model.size), model.nobody.copy()
     eaters = 0
     for group, table in model.acting:
-        eaters += kernels.order_meals(
+        eaters += order_meals(
             group.slots.start, group.size, model.dt, state.alive, state.action, seen.here, state.internal,
             model.body.proportional, table.consumes, table.intake, control, wanted, total, source,
         )  # fmt: skip
     if eaters:
         part, eaten = share(total, source, np.where(state.available, state.stock, 0.0))
-        kernels.serve(wanted, source, part, control, ingested)
+        serve(wanted, source, part, control, ingested)
         state.ingested = state.ingested + ingested
         state.eaten = state.eaten + eaten
     return ingested, eaten
@@ -171,7 +171,7 @@ def share(wanted: Floats, source: Ints, stock: Floats) -> tuple[Floats, Floats]:
     `wanted` (n,) units asked of the resource `source` (n,). Where a stock is short, it is divided
     in proportion to what is asked and is empty afterwards, exactly.
     """
-    return kernels.share(wanted, source, stock, CRUMB)
+    return share_stocks(wanted, source, stock, CRUMB)
 
 
 # ---- what a tick changes -------------------------------------------------------------------
@@ -187,7 +187,7 @@ def renew(model: Model, state: State, eaten: Floats, rng: Mapping[str, np.random
     stock, grown = regrow(table, state.stock, eaten, state.time, dt)
     until = (state.tick + 1) * dt
     places = swing(table, state.resource_position, until)
-    places = drift(table, model.scenario.arena, places, dt, rng["motion"])
+    places = drift(table, model.ground, places, dt, rng["motion"])
     places, gone = relocate(table, places, emptied, rng["motion"])
     grown[gone] += table.stock[gone] - stock[gone]
     stock[gone] = table.stock[gone]
@@ -282,44 +282,18 @@ def swing(table: ResourceTable, places: Floats, time: float) -> Floats:
     return places
 
 
-def drift(table: ResourceTable, arena: Arena, places: Floats, dt: float, rng: np.random.Generator) -> Floats:
-    """Return the places (R, 2) after the drifting resources have moved for dt."""
+def drift(table: ResourceTable, ground: Ground, places: Floats, dt: float, rng: np.random.Generator) -> Floats:
+    """Return the places (R, 2) after the drifting resources have moved for dt, mirrored at the walls."""
     if not table.drifts.size:
         return places
     steps = table.spread[:, None] * (math.sqrt(dt) * rng.standard_normal((len(table.drifts), 2)))
     places = places.copy()
-    if not arena.walls:
-        places[table.drifts] = plane_of(arena).home(places[table.drifts] + steps)
+    if ground.torus:
+        places[table.drifts] = ground.plane.home(places[table.drifts] + steps)
         return places
-    vertices = np.array(arena.vertices, dtype=float)
     for i, step in zip(table.drifts, steps, strict=True):
-        places[i] = reflect(vertices, places[i], step)
+        places[i] = ground.reflect(places[i], step)
     return places
-
-
-def reflect(vertices: Floats, start: Floats, step: Floats) -> Floats:
-    """Return where a point at `start` (2,) ends after `step` (2,), mirrored at the walls (W, 2), (2,)."""
-    wall = np.roll(vertices, -1, axis=0) - vertices  # (W, 2)
-    here, there, last = start, start + step, -1
-    for _ in range(MIRRORS):
-        along, offset = there - here, vertices - here
-        cross = along[0] * wall[:, 1] - along[1] * wall[:, 0]
-        parallel = cross == 0
-        cross = np.where(parallel, 1.0, cross)
-        t = (offset[:, 0] * wall[:, 1] - offset[:, 1] * wall[:, 0]) / cross  # of the way
-        s = (offset[:, 0] * along[1] - offset[:, 1] * along[0]) / cross  # of the wall
-        t = np.where(parallel | (t < 0) | (t > 1) | (s < 0) | (s > 1), np.inf, t)
-        if last >= 0:
-            t[last] = np.inf  # it starts on the wall that it was mirrored at
-        hit = int(np.argmin(t))
-        if not np.isfinite(t[hit]):
-            break
-        normal = np.array([-wall[hit, 1], wall[hit, 0]]) / elementary.hypot(*wall[hit])
-        here, last = here + t[hit] * along, hit
-        there = there - 2.0 * ((there - here) @ normal) * normal
-    else:
-        return start
-    return there if kernels.inside_polygon(vertices, there[None])[0] else start
 
 
 def _anywhere(table: ResourceTable, patch: int, rng: np.random.Generator) -> Floats:
@@ -334,3 +308,77 @@ def relocate(table: ResourceTable, places: Floats, emptied: Bools, rng: np.rando
         for i in np.flatnonzero(gone):
             places[i] = _anywhere(table, int(i), rng)
     return places, gone
+
+
+# ---- compiled loops ----------------------------------------------------------------------------
+
+
+@compiled
+def order_meals(
+    first: int,
+    n: int,
+    dt: float,
+    alive: Bools,
+    action: Ints,
+    here: Ints,
+    internal: Floats,
+    proportional: Bools,
+    acts_consumes: Ints,
+    acts_intake: Floats,
+    control: Floats,
+    wanted: Floats,
+    total: Floats,
+    source: Ints,
+) -> int:
+    """Write what n slots of one species, from `first` on, ask of a patch in a tick, and return how many do.
+
+    `wanted` (N, V) and its `total` (N,) are in units of intake, `source` (N,) is the patch, -1 none; who is held to a
+    meal that is gone gets no `control` (N, V). A proportional need's control multiplies x, so it asks for u x dt.
+    """
+    eaters = 0
+    for i in range(first, first + n):
+        kind = acts_consumes[action[i]]
+        if kind < 0 or not alive[i]:
+            continue
+        if here[i, kind] < 0:
+            control[i] = 0.0
+            continue
+        eaters += 1
+        source[i] = here[i, kind]
+        for v in range(internal.shape[1]):
+            asked = acts_intake[action[i], v]
+            if proportional[i, v]:
+                asked *= internal[i, v]
+            wanted[i, v] = max(asked, 0.0) * dt
+            total[i] += wanted[i, v]
+    return eaters
+
+
+@compiled
+def share_stocks(wanted: Floats, source: Ints, stock: Floats, crumb: float) -> tuple[Floats, Floats]:
+    """Return the share of what it asks for that each body gets (n,), and what leaves each stock (R,).
+
+    See `share`; a body without a source, -1, gets nothing.
+    """
+    eaten, part, given = np.zeros(len(stock)), np.ones(len(stock)), np.zeros(len(wanted))
+    for i in range(len(wanted)):
+        if source[i] >= 0:
+            eaten[source[i]] += wanted[i]
+    for r in range(len(stock)):
+        if eaten[r] > 0 and eaten[r] >= stock[r] * (1 - crumb):
+            part[r] = stock[r] / eaten[r]
+            eaten[r] = stock[r]
+    for i in range(len(wanted)):
+        if source[i] >= 0:
+            given[i] = part[source[i]]
+    return given, eaten
+
+
+@compiled
+def serve(wanted: Floats, source: Ints, part: Floats, control: Floats, ingested: Floats) -> None:
+    """Write `control`, `ingested` (N, V) of those with a `source` (N,), who have their `part` of what is `wanted`."""
+    for i in range(len(source)):
+        if source[i] >= 0:
+            for v in range(wanted.shape[1]):
+                ingested[i, v] = wanted[i, v] * part[i]
+                control[i, v] *= part[i]

@@ -10,6 +10,7 @@ from typing import Any
 
 from ecology import typed
 from ecology.errors import EcologyError, nearest
+from ecology.ground.outline import polygon_of
 from ecology.meetings import Rule
 from ecology.resources import consumers, too_far
 from ecology.senses import SENSES, layout
@@ -101,7 +102,7 @@ class Scenario:
     def _check_places(self) -> None:
         import shapely  # slow to load, needed once per scenario
 
-        polygon = shapely.Polygon(self.arena.vertices)
+        polygon = polygon_of(self.arena)
         for resource in self.resources:
             owner, place, motion = f"resource {resource.name!r}", resource.position, resource.motion
             require(
@@ -120,7 +121,7 @@ class Scenario:
                 "room in it; give a smaller radius.",
             )
         for species in self.species:
-            room = polygon.buffer(-species.radius) if self.arena.walls else polygon
+            room = polygon if self.arena.torus else polygon.buffer(-species.radius)
             require(
                 not room.is_empty,
                 f"species {species.name!r}: a body of radius {species.radius!r} finds no room in the arena.",
@@ -168,6 +169,7 @@ class Scenario:
         for sense in species.senses:
             if sense not in SENSES:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
+            SENSES[sense].check(owner, self.day)
         for name in species.sees:
             require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
         for need in species.needs:
@@ -185,10 +187,6 @@ class Scenario:
             not twice,
             f"{owner}: the components of zeta need names of their own, {twice} appear twice; rename the need, or "
             "name every sense once.",
-        )
-        require(
-            "clock" not in species.senses or self.day is not None,
-            f"{owner}: the sense 'clock' needs the scenario's day, the length of its period.",
         )
 
     def _check_needs_named(self, species: Species) -> None:

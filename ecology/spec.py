@@ -17,8 +17,6 @@ from ecology.errors import EcologyError
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
 Commitment = Literal["free", "committed"]
 
-FARTHEST = 1e9  # length, of a vertex from the origin along an axis
-
 
 def require(rule: bool, message: str) -> None:
     """Raise EcologyError(message) unless `rule` holds."""
@@ -420,51 +418,34 @@ class Resource:
 
 @dataclass(frozen=True, kw_only=True)
 class Arena:
-    """A closed polygon without holes; its edges are the walls.
+    """A closed polygon whose edges are walls, with holes and inner walls in it.
 
-    A rectangle along the axes can do without `walls`: who leaves on one side comes in on the other (a
-    torus). Bodies do not touch across that seam.
+    The edges of a hole are walls too. An inner wall is a polyline without thickness; it may touch or cross other walls.
+    No body's centre crosses a wall, walls hide what lies behind them, and nothing is placed in a hole.
+
+    A rectangle along the axes can do without walls (`walls=False`): an agent that leaves on one side comes in on the
+    other (a torus). Bodies do not touch across that seam.
     """
 
-    vertices: tuple[tuple[float, float], ...]
-    walls: bool = True
+    vertices: tuple[tuple[float, float], ...]  # of the outer walls, once around
+    walls: bool | tuple[tuple[tuple[float, float], ...], ...] = True  # inner walls, each a polyline; False: a torus
+    holes: tuple[tuple[tuple[float, float], ...], ...] = ()  # polygons, each the vertices once around
 
     def __post_init__(self) -> None:
         typed.check(self)
-        require(
-            len(self.vertices) >= 3,
-            f"arena: a closed arena needs at least 3 vertices, got {len(self.vertices)}.",
-        )
-        for vertex in self.vertices:
-            require(len(vertex) == 2, f"arena: a vertex is (x, y), got {vertex!r}.")
-            _finite("arena", x=vertex[0], y=vertex[1])
-            require(
-                max(map(abs, vertex)) <= FARTHEST,
-                f"arena: a vertex lies within {FARTHEST:g} of the origin in x and y, beyond which places are no longer "
-                f"told apart well; got {vertex!r}.",
-            )
-        for i, (one, other) in enumerate(zip(self.vertices, self.vertices[1:], strict=False)):
-            require(
-                tuple(one) != tuple(other),
-                f"arena: the vertex {one!r} at {i} is repeated at {i + 1}; list every vertex once.",
-            )
-        import shapely  # slow to load, needed once per arena
+        from ecology.ground.outline import check_outline  # loads what checks polygons, once an arena is made
 
-        polygon = shapely.Polygon(self.vertices)
-        require(
-            polygon.is_valid and polygon.area > 0,
-            f"arena: the walls must not cross or overlap ({shapely.is_valid_reason(polygon)}); "
-            "list the vertices once around, without repeating the first.",
-        )
-        require(
-            self.vertices[0] != self.vertices[-1],
-            f"arena: the first vertex {self.vertices[0]!r} is repeated at the end; leave it out.",
-        )
-        require(
-            self.walls or (len(self.vertices) == 4 and polygon.equals(polygon.envelope)),
-            "arena: only a rectangle along the axes can do without walls, got the vertices "
-            f"{self.vertices!r}; give such a rectangle, or walls=True.",
-        )
+        check_outline(self)
+
+    @property
+    def torus(self) -> bool:
+        """Return whether an agent that leaves on one side comes in on the other."""
+        return self.walls is False
+
+    @property
+    def inner_walls(self) -> tuple[tuple[tuple[float, float], ...], ...]:
+        """Return the walls within the outer ones, polylines."""
+        return () if isinstance(self.walls, bool) else self.walls
 
     @property
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -12,17 +12,18 @@ from ecology import (
     actions,
     changes,
     empathy,
-    kernels,
     life,
     meetings,
     neighbours,
     physiology,
     resources,
     senses,
+    sight,
 )
 from ecology.errors import EcologyError, nearest
+from ecology.ground import wrap
 from ecology.model import Model
-from ecology.physics import Physics
+from ecology.physics import Physics, velocities
 from ecology.senses import Perception
 from ecology.spec import require
 from ecology.state import Bools, Floats, Ints, State
@@ -100,7 +101,7 @@ class ArrayWorld:
         # actions: what each body does
         deeds = actions.decide(model, state, seen, np.asarray(chosen))
         # physics: bodies move and touch
-        way = kernels.velocities(deeds.direction, deeds.speed)
+        way = velocities(deeds.direction, deeds.speed)
         state.position, put_back = self._physics.move(state.position, way, model.dt, state.alive)
         state.returned += put_back
         # resources: bodies that eat from one stock share it
@@ -138,7 +139,7 @@ class ArrayWorld:
         """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
         model = self.model
         offered = resources.offered(state.stock, state.available)
-        state.inside, state.seen, here, toward, nearest_patch = senses.find_patches(model, state, offered)
+        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, offered)
         pairs = neighbours.find(model.plane, state.position, state.alive, model.near, last) if model.near else None
         targets = meetings.aim(model, state, pairs)
         empathy.update_drives(model, state, pairs, self.lesion_order, self.reweighed)
@@ -177,7 +178,7 @@ class ArrayWorld:
     def _touch(self, state: State) -> None:
         """Build the solver for the bodies where they are."""
         model = self.model
-        self._physics = Physics(model.scenario.arena, model.radius, model.solid, state.position, state.alive)
+        self._physics = Physics(model.ground, model.radius, model.solid, state.position, state.alive)
 
     # ---- what observers may ask ------------------------------------------------------------
 
@@ -317,14 +318,14 @@ class ArrayWorld:
 
 def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
     """Return the state in which a world starts."""
-    n, table, scenario = model.size, model.resources, model.scenario
+    n, table = model.size, model.resources
     r = len(table.stock)
     alive, serial = np.zeros(n, bool), np.full(n, -1)
-    position, heading = np.tile(model.walls[0], (n, 1)), np.zeros(n)
+    position, heading = np.tile(model.ground.rings[0][0], (n, 1)), np.zeros(n)
     for (s, serials), group in zip(model.founders(), model.groups.values(), strict=True):
         rows = slice(group.slots.start, group.slots.start + s.count)
         alive[rows], serial[rows] = True, serials
-        position[rows], heading[rows] = life.place(scenario.arena, s, s.count, rng["birth"])
+        position[rows], heading[rows] = life.place(model.ground, s, s.count, rng["birth"])
     nothing = np.zeros_like(model.body.start)
     return State(
         tick=0,
@@ -338,7 +339,7 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         killer=np.full(n, -1),
         age=np.zeros(n),
         position=position,
-        heading=senses.wrap(heading),
+        heading=wrap(heading),
         internal=np.where(alive[:, None], model.body.start, 0.0),
         drive=np.zeros(n),
         own_drive=np.zeros(n),

@@ -7,7 +7,8 @@ import math
 from ecology import Arena, Need, Resource, Scenario, Species, consume, go_to, move, rest, sleep, turn
 
 # Lengths are in units of the plane, rates and speeds per unit of time; a tick lasts dt.
-ROOM = Arena(vertices=((0, 0), (6, 0), (6, 6), (0, 6)))  # the walls, once around
+# The outer walls, once around; holes=[polygon, ...] and walls=[polyline, ...] put obstacles into the room.
+ROOM = Arena(vertices=((0, 0), (6, 0), (6, 6), (0, 6)))
 WALK, TURN = 0.1, math.pi / 10  # length and radians per unit of time
 
 

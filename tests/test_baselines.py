@@ -162,7 +162,7 @@ def test_planner_reaches_every_resource_from_random_places(quick, changes):
 
 def planner_place(scenario, rng):
     """Return one random place in the arena."""
-    from ecology.life import scatter
+    from ecology.ground import scatter
 
     return scatter(scenario.arena, 0.1, 1, rng)[0]
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import ctypes
+import importlib
 import os
 import shutil
 import subprocess
@@ -10,8 +12,10 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+from numba.core.dispatcher import Dispatcher
 
 from ecology import EcologyError, compiler_cache
 
@@ -20,9 +24,9 @@ CODE = """
 import sys
 import numpy as np
 import ecology.agents.kernels
-from ecology import kernels
-kernels.fastest(np.zeros((1, 2)))
-print(kernels.__file__, kernels.fastest.stats.cache_path, sum(kernels.fastest.stats.cache_hits.values()))
+from ecology import physics
+physics.fastest(np.zeros((1, 2)))
+print(physics.__file__, physics.fastest.stats.cache_path, sum(physics.fastest.stats.cache_hits.values()))
 """
 DROP, WRITE_ANYWHERE = 24, 1  # PR_CAPBSET_DROP and CAP_DAC_OVERRIDE of Linux
 
@@ -149,3 +153,37 @@ def test_a_source_is_as_new_as_what_it_inlines(tmp_path: Path) -> None:
     os.utime(inlined, (3_000, 3_000))
     compiler_cache.use_cache(str(source), str(inlined))
     assert source.stat().st_mtime == 3_000
+
+
+def files_inlined(function: Dispatcher) -> set[str]:
+    """Return the files of all functions that Numba compiles into `function`, directly or through others."""
+    words = function.py_func.__globals__
+    called = [words.get(name) for name in function.py_func.__code__.co_names]
+    found: set[str] = set()
+    for each in called:
+        if isinstance(each, Dispatcher):
+            found |= {each.py_func.__code__.co_filename, *files_inlined(each)}
+    return found
+
+
+def files_named(module: ModuleType) -> set[str]:
+    """Return the files that `module` names when it calls `use_cache`."""
+    for node in ast.walk(ast.parse(Path(str(module.__file__)).read_text())):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "use_cache":
+            return {str(eval(ast.unparse(each), vars(module))) for each in node.args[1:]}
+    return set()
+
+
+def test_a_file_names_all_files_that_it_inlines() -> None:
+    """Where a compiled loop calls one of another file, a change of that file compiles it again."""
+    compiled = 0
+    for path in sorted((ROOT / "ecology").rglob("*.py")):
+        if "use_cache(__file__" not in path.read_text():
+            continue
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        module = importlib.import_module(name)
+        own = [v for v in vars(module).values() if isinstance(v, Dispatcher) and v.py_func.__module__ == name]
+        inlined = set().union(*map(files_inlined, own)) - {str(path)}
+        assert files_named(module) == inlined, name
+        compiled += len(own)
+    assert compiled > 25

@@ -15,6 +15,10 @@ AGENT_TICKS = 4000  # of each life, but at least 60 ticks
 CROWDS = {
     "everything": everything(),
     "everything without walls": everything(walls=False),
+    "everything among walls": everything(
+        holes=(((1.0, 5.0), (2.5, 5.0), (2.5, 6.5), (1.0, 6.5)), ((6.4, 0.6), (7.4, 1.6), (5.6, 1.5))),
+        inner=(((3.6, 3.0), (3.6, 2.2)), ((0.0, 3.0), (1.5, 4.0), (2.6, 3.2)), ((5.5, 4.0), (6.5, 6.0))),
+    ),
     "everything in small ticks": everything(dt=0.1),
     "everything in large ticks": everything(walls=False, dt=10.0),
 }
@@ -97,7 +101,8 @@ def test_what_a_rule_raises_is_told():
 
     found = list(contract.check(square(kind(), rule=rule), 5))
     assert [holds for holds, _ in found] == list(contract.CHECKS)
-    assert {contract.reason(error) for _, error in found} == {"KeyError: 'fod'"}
+    lives = [error for holds, error in found if holds != "the smallest body can reach all of the arena"]
+    assert {contract.reason(error) for error in lives} == {"KeyError: 'fod'"}
 
 
 def damaged(name, change):
@@ -194,7 +199,7 @@ SABOTAGE = {
     "the same seed gives the same life": lambda: (
         life,
         "beside",
-        lambda arena, walls, position, radius, rng: position + np.random.default_rng().normal(size=position.shape) / 99,
+        lambda ground, position, radius, rng: position + np.random.default_rng().normal(size=position.shape) / 99,
     ),
     "a snapshot lives on bit for bit": lambda: damaged(
         "snapshot", lambda it: (it[0] | {"hold": it[0]["hold"] * 0}, it[1])
@@ -204,6 +209,11 @@ SABOTAGE = {
         Physics,
         "move",
         lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
+    ),
+    "the smallest body can reach all of the arena": lambda: (
+        contract,
+        "split_room",
+        lambda arena, radius, whole=contract.split_room: whole(arena, radius + 1.6),
     ),
     "every account closes": lambda: (resources, "eat", less_eaten),
     "names never return": returning_names,

@@ -9,7 +9,7 @@ from worlds import BAY, SQUARE, ask, everything, kind, square, start
 
 import ecology
 from ecology import Arena, EcologyError, Hazard, Need, move
-from ecology.kernels import inside_polygon
+from ecology.ground import ground_of, scatter
 
 NORTH_EAST = math.pi / 4
 
@@ -134,16 +134,14 @@ def test_one_wedged_in_a_corner_by_200(corner):
     pusher = kind("agent", move("push", 0.3, direction=way), count=201, radius=0.15, solid=True)
     env = start(square(pusher, arena=Arena(vertices=vertices)), seed=3)
     wedged = np.array([x, y]) - 0.16 * np.sign([x - 4, y - 4])
-    places = ecology.life.scatter(
-        Arena(vertices=((x, y), (4 + (x - 4) * 0.2, y), (x, 4))), 0.16, 201, np.random.default_rng(3)
-    )
+    places = scatter(Arena(vertices=((x, y), (4 + (x - 4) * 0.2, y), (x, 4))), 0.16, 201, np.random.default_rng(3))
     places[0] = wedged
     env.put(position=places)
     for t in range(60):
         before = env.state_view.position.copy()
         env.step_arrays(ask(env, agent="push"))
         now = env.state_view.position
-        assert inside_polygon(np.array(vertices), now).all()
+        assert ground_of(Arena(vertices=vertices)).inside(now).all()
         assert np.hypot(*(now - before).T).max() < 3.0
         if t == 30:
             other = twin(env)
@@ -154,7 +152,7 @@ def test_one_wedged_in_a_corner_by_200(corner):
     for _ in range(100):
         env.step_arrays(ask(env))
     assert np.isfinite(env.state_view.position).all()
-    assert inside_polygon(np.array(vertices), env.state_view.position).all()
+    assert ground_of(Arena(vertices=vertices)).inside(env.state_view.position).all()
 
 
 def test_a_crowd_that_was_put_is_left_and_entered():

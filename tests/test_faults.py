@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from ecology import agents, faults, kernels
+from ecology import agents, faults, physiology
 from ecology.agents import checkpoint
 from ecology.agents.base import Learner
 from ecology.lab.cli import main
@@ -302,6 +302,6 @@ def test_what_the_project_or_a_library_raises_is_no_users_fault(
     assert f"{__file__}, line " in str(faults.user_fault(error))
     assert error.__traceback__ is not None
     assert faults.user_fault(error.with_traceback(error.__traceback__.tb_next)) is None
-    monkeypatch.setattr(kernels, "live", None)
+    monkeypatch.setattr(physiology, "live", None)
     with pytest.raises(TypeError):
         main(["run", "world.py", "--no-record", "--quiet"])

@@ -134,6 +134,7 @@ def test_settings_build_a_world_that_lives_or_one_error(given_: tuple[str, dict[
 
 # ---- specs -------------------------------------------------------------------------------------
 
+POLYGONS = st.lists(st.lists(st.lists(NUMBERS, min_size=2, max_size=2), max_size=5), max_size=3)
 WORDS: dict[str, dict[str, st.SearchStrategy[Any]]] = {
     "need": {
         "name": st.sampled_from(["food", "x", "", "blood sugar", "drive", "clock"]),
@@ -165,7 +166,10 @@ WORDS: dict[str, dict[str, st.SearchStrategy[Any]]] = {
              "damage": st.dictionaries(st.sampled_from(["food", "x"]), NUMBERS, max_size=2)},
     "give": {"species": st.sampled_from(["agent", "agnt"]), "reach": NUMBERS, "efficiency": NUMBERS,
              "gives": st.dictionaries(st.sampled_from(["food", "x"]), NUMBERS, max_size=2)},
-    "arena": {"vertices": st.lists(st.lists(NUMBERS, min_size=2, max_size=2), max_size=6), "walls": PLAIN},
+    "arena": {
+        "vertices": st.lists(st.lists(NUMBERS, min_size=2, max_size=2), max_size=6),
+        "walls": st.one_of(PLAIN, VALUES, POLYGONS), "holes": st.one_of(VALUES, POLYGONS),
+    },
     "scenario": {"name": PLAIN, "dt": NUMBERS, "ticks": NUMBERS, "day": NUMBERS},
 }  # fmt: skip
 SPEC = """

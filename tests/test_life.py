@@ -9,6 +9,7 @@ from worlds import BAY, ask, everything, kind, square, start
 
 import ecology
 from ecology import Arena, Birth, EcologyError, Hazard, Need, bite, life
+from ecology.ground import ground_of, scatter
 from ecology.state import CAUSES
 
 SURE = 1e3  # a rate at which what can happen happens in every tick
@@ -121,8 +122,8 @@ def test_newborns_start_inside_and_clear_of_walls():
     """
     arena, rng, radius = Arena(vertices=BAY), np.random.default_rng(1), 0.3
     room = shapely.Polygon(BAY)
-    parents = np.concatenate([life.scatter(arena, 1e-6, 300, rng), [[0.01, 0.01], [4.41, 7.99], [7.99, 0.01]]])
-    places = life.beside(arena, np.array(BAY), parents, radius, rng)
+    parents = np.concatenate([scatter(arena, 1e-6, 300, rng), [[0.01, 0.01], [4.41, 7.99], [7.99, 0.01]]])
+    places = life.beside(ground_of(arena), parents, radius, rng)
     free = room.buffer(-radius + 1e-9)
     stays = (places == parents).all(axis=1)
     assert stays.mean() < 0.2

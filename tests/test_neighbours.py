@@ -8,9 +8,8 @@ import pytest
 import shapely
 from worlds import BAY, SQUARE, everything, kind, square, start
 
-import ecology
 from ecology import Arena, Hazard, Need, Neighbours, neighbours
-from ecology.plane import Plane, plane_of
+from ecology.ground import Plane, plane_of, scatter
 
 FREE, TORUS = Arena(vertices=SQUARE), Arena(vertices=SQUARE, walls=False)
 
@@ -147,7 +146,7 @@ def test_the_senses_agree_with_brute_force(arena, sensed):
         internal = rng.uniform(0, 2, (env.size, 2))
         internal[others, 1] = 0.0
         tick = env.put(
-            position=ecology.life.scatter(arena, 0.1, env.size, rng),
+            position=scatter(arena, 0.1, env.size, rng),
             heading=rng.uniform(-3.1, 3.1, env.size),
             internal=internal,
             alive=rng.random(env.size) < 0.8,

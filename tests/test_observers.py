@@ -16,11 +16,11 @@ import pytest
 from worlds import ask, kind, square, start
 
 import ecology
-from ecology import Ecology, EcologyError, agents, scenarios
+from ecology import Arena, Ecology, EcologyError, agents, scenarios
 from ecology.agents.base import Learner
 from ecology.agents.loop import advance
 from ecology.decision import Decision
-from ecology.life import scatter
+from ecology.ground import scatter, wrap
 from ecology.observers import census, maps, picture, viewer
 from ecology.observers.recorder import Recorder, parts_of, read
 
@@ -407,6 +407,21 @@ def test_rows_are_there_once_wherever_joining_was_killed(tmp_path):
     again.end()
     assert read(path)["tick"].to_pylist() == list(range(1, TICKS + 6))
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_recording_shows_holes_and_inner_walls(tmp_path):
+    """The outer walls, each hole and each inner wall are a line, and the floor has a hole in it."""
+    from rerun.chunk import RrdReader
+
+    hole, wall = ((3.0, 3.0), (5.0, 3.0), (5.0, 5.0)), ((1.0, 1.0), (1.0, 4.0), (2.0, 4.0))
+    arena = Arena(vertices=((0, 0), (8, 0), (8, 8), (0, 8)), holes=[hole], walls=[wall])
+    path = tmp_path / "recording.rrd"
+    live(dataclasses.replace(one(), arena=arena, resources=(), species=(kind(),)), rerun_observer(path), ticks=2)
+    (chunk,) = RrdReader(str(path)).stream().filter(content="/world/walls", is_static=True)
+    (lines,) = chunk.to_record_batch().column("LineStrips2D:strips").to_pylist()
+    assert lines[1:] == [[*map(list, hole), list(hole[0])], [*map(list, wall)]]
+    fine = maps.cover(arena, 400)
+    assert 64 * fine.inside.mean() == pytest.approx(62.0, abs=0.1)
 
 
 def test_a_recording_reads_back(tmp_path):
@@ -838,7 +853,7 @@ def test_a_thousand_agents_take_48_bytes_each(tmp_path):
         )
     way = told(path, "/world/agents/crowd", "Arrows2D:vectors")[60]
     turned = np.arctan2(way[:, 1], way[:, 0]) - env.state_view.heading
-    assert np.abs(ecology.senses.wrap(turned)).max() <= np.pi / 512 + 1e-6
+    assert np.abs(wrap(turned)).max() <= np.pi / 512 + 1e-6
     assert told(path, "/world/agents/crowd", "action")[60].tolist() == env.state_view.action.tolist()
 
 

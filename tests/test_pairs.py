@@ -8,8 +8,8 @@ import pytest
 import shapely
 
 import ecology
-from ecology import neighbours, scenarios, senses
-from ecology.plane import Plane
+from ecology import neighbours, scenarios
+from ecology.ground import Plane, wrap
 
 
 @pytest.mark.parametrize("torus", [False, True])
@@ -50,7 +50,7 @@ def test_who_sees_whom_is_what_angle_range_and_walls_say(angle):
     pairs = neighbours.find(env.world.model.plane, state.position, state.alive, 4.0)
     looks = np.arange(80) != 7
     seen = env.world.model.eyes.sees_others(pairs, state.position, state.heading, looks)
-    turn = senses.wrap(np.arctan2(pairs.gap[:, 1], pairs.gap[:, 0]) - state.heading[pairs.who])
+    turn = wrap(np.arctan2(pairs.gap[:, 1], pairs.gap[:, 0]) - state.heading[pairs.who])
     lines = shapely.linestrings(np.stack([state.position[pairs.who], state.position[pairs.other]], axis=1))
     clear = shapely.Polygon(scenario.arena.vertices).covers(lines)
     expected = clear & (np.abs(turn) <= angle / 2) & (pairs.distance <= 3.0) & looks[pairs.who]

@@ -8,7 +8,7 @@ import shapely
 
 import ecology
 from ecology import Arena, move, physics, rest, scenarios
-from ecology.kernels import inside_polygon
+from ecology.ground import ground_of, scatter
 from ecology.scenarios.paper import ARENA
 
 SQUARE = Arena(vertices=((0, 0), (10, 0), (10, 10), (0, 10)))
@@ -21,7 +21,7 @@ def bodies(arena, position, radius=0.1, alive=None):
     position = np.array(position, float).reshape(-1, 2)
     alive = np.ones(len(position), bool) if alive is None else np.array(alive)
     solid = np.ones(len(position), bool)
-    return physics.Physics(arena, np.full(len(position), float(radius)), solid, position, alive), position
+    return physics.Physics(ground_of(arena), np.full(len(position), float(radius)), solid, position, alive), position
 
 
 def inside(arena, position):
@@ -33,8 +33,6 @@ def inside(arena, position):
 @pytest.mark.parametrize("arena", [SQUARE, ARENA, SHARP], ids=["square", "paper", "sharp"])
 def test_nobody_leaves_the_arena(arena, speed):
     """At walking and at absurd speeds, pushed by others, on stubborn courses, all stay inside."""
-    from ecology.life import scatter
-
     rng = np.random.default_rng(int(speed * 10))
     world, position = bodies(arena, scatter(arena, 0.1, 25, rng))
     rounds = int(np.clip(100 / speed, 12, 1000))
@@ -191,19 +189,17 @@ def test_thousands_of_ticks_in_the_papers_arena():
     assert np.ptp(path, axis=0).min() > 1.0, "it got about"
 
 
-def test_inside_polygon_agrees_with_shapely():
+def test_inside_agrees_with_shapely():
     """The ray that decides what is inside gives shapely's answer for points at random."""
     rng = np.random.default_rng(0)
     for arena in (SQUARE, ARENA, SHARP):
         points = rng.uniform(-1, 11, (4000, 2))
         expected = shapely.Polygon(arena.vertices).contains(shapely.points(points))
-        assert np.array_equal(inside_polygon(np.array(arena.vertices, float), points), expected)
+        assert np.array_equal(ground_of(arena).inside(points), expected)
 
 
 def test_births_are_scattered_over_the_arena():
     """Places of birth are uniform over the arena, a radius from every wall."""
-    from ecology.life import scatter
-
     points = scatter(ARENA, 0.1, 4000, np.random.default_rng(1))
     room = shapely.Polygon(ARENA.vertices).buffer(-0.1, join_style="mitre")
     assert room.buffer(1e-9).covers(shapely.points(points)).all()

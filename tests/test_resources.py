@@ -34,6 +34,7 @@ from ecology import (
     turn,
 )
 from ecology.agents import loop
+from ecology.ground import ground_of
 
 SIDE = 4.0
 SQUARE = Arena(vertices=((0, 0), (SIDE, 0), (SIDE, SIDE), (0, SIDE)))
@@ -372,16 +373,16 @@ def test_a_walk_mirrored_at_walls_worked_by_hand():
         ((1.0, 1.0), (0.5, 0.25), (1.5, 1.25)),
         ((1.0, 2.0), (-8.0, 0.0), (1.0, 2.0)),  # to the left wall, the right one, and back
     ):
-        assert resources.reflect(CORNERS, np.array(start), np.array(step)) == pytest.approx(end)
+        assert ground_of(SQUARE).reflect(np.array(start), np.array(step)) == pytest.approx(end)
 
 
 @pytest.mark.parametrize("arena", [SQUARE, HOOK])
 def test_a_drift_stays_inside_and_gets_everywhere(arena):
     """However wide the steps, the circle's centre stays in the arena, and in the end is equally likely anywhere."""
-    vertices, rng = np.array(arena.vertices, float), np.random.default_rng(2)
+    ground, rng = ground_of(arena), np.random.default_rng(2)
     place, path = np.array([0.5, 0.5]), []
     for _ in range(8000):
-        place = resources.reflect(vertices, place, 0.6 * rng.standard_normal(2))
+        place = ground.reflect(place, 0.6 * rng.standard_normal(2))
         path.append(place)
     polygon = shapely.Polygon(arena.vertices)
     assert polygon.contains(shapely.points(path)).all()

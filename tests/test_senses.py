@@ -8,8 +8,10 @@ import pytest
 import shapely
 
 import ecology
-from ecology import Need, scenarios, senses
+from ecology import Need, scenarios
+from ecology.ground import ground_of
 from ecology.scenarios.paper import ARENA, PLACES, WALK_UP_TO
+from ecology.senses import Component, Sense, zeta
 
 
 def look(position, heading=0.0, name="paper", **settings):
@@ -45,16 +47,14 @@ def test_walls_hide_resources(position, seen):
 
 def test_sight_agrees_with_shapely():
     """At random places a line is clear exactly when shapely finds the segment within the arena."""
-    env = ecology.parallel_env(scenarios.load("paper", **ALL_ROUND))
     rng = np.random.default_rng(0)
     polygon = shapely.Polygon(ARENA.vertices)
     points = rng.uniform([0, 0], [8, 6], (6000, 2))
     points = points[polygon.contains(shapely.points(points))]
     start, end = points[: len(points) // 2], points[len(points) // 2 : len(points) // 2 * 2]
-    eyes = senses.compile_eyes(env.scenario.species, ARENA, env.scenario.resources)
     expected = polygon.covers(shapely.linestrings(np.stack([start, end], axis=1)))
     assert 0.2 < expected.mean() < 0.8
-    assert np.array_equal(senses.clear(eyes, start, end), expected)
+    assert np.array_equal(ground_of(ARENA).clear(start, end), expected)
 
 
 @pytest.mark.parametrize(
@@ -263,3 +263,33 @@ def test_every_resource_of_the_paper_can_be_reached_by_go_to():
                     break
             assert env.state_view.inside[0, i], (place, i + 1)
             arrived += 1
+
+
+class Age(Sense):
+    """Sense how old one is."""
+
+    def __init__(self, whose):
+        """Have one component, of the slots of one species."""
+        self.components = (Component("age", "plain", 100.0, 0.0, np.inf),)
+        self._rows = whose.rows
+
+    def write(self, zeta, column, model, state, seen):
+        """Write the ages."""
+        zeta[:, column] = state.age[self._rows]
+
+
+def test_a_sense_is_one_class(monkeypatch, room):
+    """A class under a name is a sense: its component has its place, its bounds and its value in zeta."""
+    monkeypatch.setitem(zeta.SENSES, "age", Age)
+    scenario = room(senses=("heading", "age", "position"), count=3, heading=0.5)
+    env = ecology.parallel_env(scenario)
+    tick = env.reset_arrays(0)
+    layout = env.groups["agent"].layout
+    assert layout.names == ("food", "heading", "age", "x", "y")
+    assert (layout.low[2], layout.high[2], layout.kinds[2], layout.scale[2]) == (0.0, np.inf, "plain", 100.0)
+    for t in range(3):
+        assert tick.observations["agent"][:, 2].tolist() == [t] * 3
+        assert tick.observations["agent"][:, 1] == pytest.approx([0.5] * 3)
+        tick = env.step_arrays(np.zeros(3, np.int64))
+    with pytest.raises(ecology.EcologyError, match="unknown sense 'agge'"):
+        room(senses=("agge",))

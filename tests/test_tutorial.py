@@ -41,6 +41,17 @@ def test_the_tutorial_builds_predators_and_prey(tmp_path):
     assert born > 0
 
 
+def test_the_ruins_that_are_shown_keep_the_contract(tmp_path):
+    """The meadow among holes and inner walls is a world that keeps the contract."""
+    section = TUTORIAL.partition("## Holes and inner walls")[2].partition("## More")[0]
+    (code,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    path = tmp_path / "ruins.py"
+    path.write_text(tutorial().replace("arena=MEADOW", "arena=RUINS") + code, encoding="utf-8")
+    scenario = scenarios.load(str(path))
+    assert len(scenario.arena.holes) == 2
+    assert [str(error) for _, error in contract.check(scenario, 30) if error] == []
+
+
 def test_the_rule_that_is_shown_takes_what_it_gives():
     """Children near a helper that calls get what it loses; the others get nothing."""
     section = TUTORIAL.partition("## A rule")[2]

@@ -9,8 +9,7 @@ from worlds import ask, kind, start
 
 import ecology
 from ecology import Arena, Birth, EcologyError, Scenario, contract, life, move, physics, scenarios
-from ecology.kernels import stays
-from ecology.plane import corners_of
+from ecology.ground import ground_of, scatter
 
 RADIUS = 0.1
 
@@ -35,7 +34,9 @@ def bodies(arena, position, radius=RADIUS, solid=False):
     """Return a Physics of circles at `position` (N, 2), and the position as an array."""
     position = np.array(position, float).reshape(-1, 2)
     n = len(position)
-    return physics.Physics(arena, np.full(n, radius), np.full(n, solid), position, np.ones(n, bool)), position
+    return physics.Physics(
+        ground_of(arena), np.full(n, radius), np.full(n, solid), position, np.ones(n, bool)
+    ), position
 
 
 def jagged(rng):
@@ -72,7 +73,7 @@ def test_no_way_leaves_a_jagged_room(seed, speed):
     rng = np.random.default_rng(seed)
     arena = jagged(rng)
     for solid in (False, True):
-        world, position = bodies(arena, life.scatter(arena, RADIUS, 40, rng), solid=solid)
+        world, position = bodies(arena, scatter(arena, RADIUS, 40, rng), solid=solid)
         for k in range(40 if speed < 1 else 10):
             if k % 10 == 0:
                 course = rng.uniform(-np.pi, np.pi, 40)
@@ -170,7 +171,7 @@ def test_no_one_is_born_behind_a_wall():
     """Beside a parent that stands at a thin wall is its own side of it."""
     arena = with_wall(1e-6)
     parents = np.tile([1.85, 1.0], (200, 1))
-    born = life.beside(arena, corners_of(arena), parents, RADIUS, np.random.default_rng(0))
+    born = life.beside(ground_of(arena), parents, RADIUS, np.random.default_rng(0))
     assert (born[:, 0] < 2.0).all()
     env = start(
         Scenario(
@@ -204,10 +205,10 @@ def test_ways_that_stay_are_those_that_shapely_covers():
         inside = room.contains(shapely.points(start_))
         start_, end = start_[inside], end[inside]
         expected = room.covers(shapely.linestrings(np.stack([start_, end], axis=1)))
-        assert np.array_equal(stays(corners_of(arena), start_, end), expected)
+        assert np.array_equal(ground_of(arena).stays(start_, end), expected)
         assert 0.1 < expected.mean() < 0.9
-        corners = corners_of(arena)
-        assert not stays(corners, np.repeat(start_[:1], len(corners), axis=0), corners).any()
+        corners = ground_of(arena).end
+        assert not ground_of(arena).stays(np.repeat(start_[:1], len(corners), axis=0), corners).any()
 
 
 def test_a_way_through_a_wall_breaks_the_contract(monkeypatch):

@@ -88,7 +88,9 @@ def signal(world: World, rng: np.random.Generator) -> Outcome:
     return outcome
 
 
-def everything(*, walls: bool = True, dt: float = 1.0, vertices: Any = BAY, **prey: Any) -> Scenario:
+def everything(
+    *, walls: bool = True, dt: float = 1.0, vertices: Any = BAY, holes: Any = (), inner: Any = (), **prey: Any
+) -> Scenario:
     """Return a world of three species with every word of a scenario in it; `prey` replaces words of the prey."""
     about = (
         rest(),
@@ -173,7 +175,7 @@ def everything(*, walls: bool = True, dt: float = 1.0, vertices: Any = BAY, **pr
     )
     return Scenario(
         name="everything",
-        arena=Arena(vertices=vertices if walls else SQUARE, walls=walls),
+        arena=Arena(vertices=vertices if walls else SQUARE, walls=inner if walls else False, holes=holes),
         resources=(
             Resource(
                 name="grass", count=5, radius=0.6, stock=2.0, capacity=4.0, growth=Growth(kind="logistic", rate=0.05)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from ecology.ground.outline import drawn_lines
 from ecology.observers import colours, maps
 from ecology.observers.scene import (
     BACKGROUND,
@@ -56,9 +57,8 @@ def open_scene(rec: rr.RecordingStream, scene: Scene) -> None:
 
 def _draw_arena(rec: rr.RecordingStream, scene: Scene) -> None:
     arena = scene.scenario.arena
-    corners = np.array((*arena.vertices, arena.vertices[0]), float)
-    shade = WALL if arena.walls else FAINT
-    rec.log("world/walls", rr.LineStrips2D([corners], colors=[shade], draw_order=5), static=True)
+    corners, shade = np.array(arena.vertices, float), FAINT if arena.torus else WALL
+    rec.log("world/walls", rr.LineStrips2D(drawn_lines(arena), colors=[shade], draw_order=5), static=True)
     fine = maps.cover(arena, 400)
     floor = np.where(fine.inside[..., None], FLOOR, BACKGROUND).astype(np.uint8)
     _lay(rec, "world/floor", fine.corner, (fine.cell, fine.cell))

@@ -12,9 +12,9 @@ import numpy as np
 
 from ecology.decision import Decision
 from ecology.env import Ecology
+from ecology.ground import plane_of
 from ecology.model import Group
 from ecology.observers.wishes import AGENTS, Click
-from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import CAUSES, Floats, Ints, State

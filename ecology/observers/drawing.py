@@ -35,6 +35,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
+from ecology.ground.outline import polygon_of
 from ecology.observers import census, colours, maps, shapes
 from ecology.observers.backdrop import text
 from ecology.observers.census import Choice, Life
@@ -298,7 +299,7 @@ class Drawing:
         """Return where a word may hang below or above a circle without lying on a wall."""
         import shapely  # slow to load
 
-        walls = shapely.Polygon(self._scene.scenario.arena.vertices).exterior
+        walls = polygon_of(self._scene.scenario.arena).boundary
         size = max(walls.bounds[2] - walls.bounds[0], walls.bounds[3] - walls.bounds[1])
         half, tall = 0.009 * size * letters, 0.04 * size  # of the word, as the first screen shows it
         x, y = map(float, centre)

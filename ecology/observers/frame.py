@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ecology.ground import plane_of
 from ecology.observers import shapes
-from ecology.plane import plane_of
 from ecology.scenario import Scenario
 from ecology.state import Floats, State
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ecology.kernels import inside_polygon
+from ecology.ground import ground_of
 from ecology.model import Group
 from ecology.observers.base import Mind
 from ecology.spec import Arena, Species
@@ -38,7 +38,7 @@ def cover(arena: Arena, cells: int = CELLS) -> Grid:
     cell = float((high - low).max()) / cells
     x, y = (np.arange(low[i] + cell / 2, high[i] + cell / 4, cell) for i in range(2))
     points = np.stack(np.meshgrid(x, y), axis=-1)  # (rows, columns, 2)
-    inside = inside_polygon(vertices, points.reshape(-1, 2)).reshape(points.shape[:2])
+    inside = ground_of(arena).inside(points.reshape(-1, 2)).reshape(points.shape[:2])
     return Grid(x=x, y=y, cell=cell, inside=inside)
 
 

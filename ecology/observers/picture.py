@@ -48,9 +48,13 @@ class Picture:
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         axes.set_facecolor("0.82")
         edge = (
-            {"edgecolor": "black", "linewidth": 2} if scenario.arena.walls else {"edgecolor": "0.6", "linestyle": ":"}
+            {"edgecolor": "0.6", "linestyle": ":"} if scenario.arena.torus else {"edgecolor": "black", "linewidth": 2}
         )
         axes.fill(*vertices.T, facecolor="white", zorder=1, **edge)
+        for hole in scenario.arena.holes:
+            axes.fill(*np.array(hole, float).T, facecolor="0.82", zorder=1, **edge)
+        for wall in scenario.arena.inner_walls:
+            axes.plot(*np.array(wall, float).T, color="black", linewidth=2, zorder=1)
         margin = 0.04 * float((high - low).max())
         axes.set(
             xlim=(low[0] - margin, high[0] + margin),

@@ -23,6 +23,7 @@ import rerun as rr
 
 from ecology.env import Ecology
 from ecology.errors import EcologyError
+from ecology.ground import plane_of
 from ecology.observers import census, maps, relay, shapes
 from ecology.observers.backdrop import open_scene
 from ecology.observers.base import Mind
@@ -42,7 +43,6 @@ from ecology.observers.viewer import (
     whole,
 )
 from ecology.observers.wishes import Wishes
-from ecology.plane import plane_of
 from ecology.spec import require
 from ecology.state import State
 from ecology.world import Tick

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecology import Ecology, EcologyError, State, Tick
+from ecology.ground.outline import drawn_lines
 from ecology.lab import compiling
 from ecology.lab.cli.options import format_number
 from ecology.lab.cli.progress import Progress
@@ -242,7 +243,8 @@ class Audience:
                     radius = shapes.radius(scenario, species)
                     agents.append({"name": who, "x": x, "y": y, "radius": radius, "colour": list(shade)})
         walls = [list(map(float, corner)) for corner in scenario.arena.vertices]
-        return {"walls": walls, "resources": resources, "agents": agents, "tick": state.tick}
+        lines = [line.tolist() for line in drawn_lines(scenario.arena)[1:]]  # holes and inner walls
+        return {"walls": walls, "lines": lines, "resources": resources, "agents": agents, "tick": state.tick}
 
     def _check_alive(self) -> None:
         if self._over:

@@ -12,7 +12,7 @@ import numpy as np
 from ecology import Ecology, EcologyError, Scenario, faults
 from ecology.agents import checkpoint
 from ecology.errors import nearest
-from ecology.kernels import inside_polygon
+from ecology.ground import ground_of
 from ecology.lab.runs.folder import CHECKPOINT, CONFIG, KEPT
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import read_config, resolve
@@ -161,7 +161,7 @@ def _changed(
             )
         if isinstance(resource.motion, Oscillation):
             raise EcologyError(f"the resource {owner!r} oscillates between two places of its own; it cannot be moved.")
-        if not inside_polygon(np.array(env.scenario.arena.vertices, float), np.array([place], float))[0]:
+        if not ground_of(env.scenario.arena).inside(np.array([place], float))[0]:
             raise EcologyError(f"the place {place!r} for the resource {owner!r} lies outside the arena.")
         arrays["resource_position"][row + int(number or 0)] = place
     return arrays

@@ -1,14 +1,18 @@
-"""The plane that bodies live in: with walls, or a torus."""
+"""The plane that bodies live in: with walls, or a torus; and angles in it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ecology import elementary
+from ecology.compiler_cache import use_cache, within
 from ecology.spec import Arena
 from ecology.state import Floats
+
+use_cache(__file__)
 
 
 @dataclass(frozen=True)
@@ -40,11 +44,27 @@ class Plane:
 def plane_of(arena: Arena) -> Plane:
     """Return the plane of `arena`."""
     low, high = np.array(arena.extent, dtype=float)
-    return Plane(low, high - low, not arena.walls)
+    return Plane(low, high - low, arena.torus)
 
 
-def corners_of(arena: Arena) -> Floats:
-    """Return the corners of `arena` (W, 2), in the order that has the arena on the left of every wall."""
-    corners = np.array(arena.vertices, dtype=float)
-    x, y = (corners - corners[0]).T
-    return corners if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0 else corners[::-1].copy()
+def wrap(angle: Floats) -> Floats:
+    """Return the angle in [-pi, pi)."""
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+@within
+def wrapped(angle: float) -> float:
+    """Return an angle of at most three half turns in [-pi, pi)."""
+    angle += math.pi
+    if angle >= 2 * math.pi:
+        angle -= 2 * math.pi
+    elif angle < 0.0:
+        angle += 2 * math.pi
+    return angle - math.pi
+
+
+@within
+def way_along(a: float, b: float, size: float, torus: bool) -> float:
+    """Return the shortest way from a to b along one axis of the plane."""
+    d = b - a
+    return d - size * np.round(d / size) if torus else d

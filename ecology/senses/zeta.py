@@ -1,0 +1,134 @@
+"""zeta = [delta, what is felt of others, e]: all senses of a species side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ecology.empathy import own_weights
+from ecology.ground import Plane, plane_of
+from ecology.senses.base import Component, Perceiver, Perception, Sense
+from ecology.senses.clock import Clock
+from ecology.senses.deviations import Deviations
+from ecology.senses.felt import Felt
+from ecology.senses.heading import Heading
+from ecology.senses.others import Others
+from ecology.senses.patches import Patches
+from ecology.senses.position import Position
+from ecology.spec import Arena, Resource, Species
+from ecology.state import Bools, Floats, Ints, State
+
+if TYPE_CHECKING:
+    from ecology.model import Model
+
+SENSES: dict[str, type[Sense]] = {"position": Position, "heading": Heading, "clock": Clock}  # of `Species.senses`
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the components of zeta are: the agent's knowledge of its own senses, D components."""
+
+    names: tuple[str, ...]  # D
+    kinds: tuple[str, ...]  # D: "deviation", "felt", "position", "angle" or "plain"
+    scale: Floats  # (D,) size of an ordinary value
+    low: Floats  # (D,)
+    high: Floats  # (D,)
+    regulated: Bools  # (D,) components that count in the drive
+    epsilon: float  # of the drive
+    exponent: float  # of the drive
+    own: Floats  # (D,) w_ii of the average form of empathy, 1 without
+    felt_to: Ints  # (D,) deviation that a felt component adds to; -1: it adds to the drive (sum form), or is none
+
+    @property
+    def needs(self) -> int:
+        """Return how many components are deviations; they come first."""
+        return self.kinds.count("deviation")
+
+
+@dataclass(frozen=True, eq=False)
+class Gaze:
+    """The constants of what one species perceives."""
+
+    species: Species
+    rows: slice
+    layout: Layout
+    far: float  # the farthest that anything is seen, length
+    senses: tuple[tuple[Sense, int], ...]  # with the first column of each in zeta
+
+
+def compile_gaze(
+    species: Species, rows: slice, arena: Arena, resources: Sequence[Resource], everyone: Sequence[Species]
+) -> Gaze:
+    """Return the constants of what the slots `rows` of `species` perceive."""
+    far = farthest(species, plane_of(arena))
+    whose = Perceiver(species=species, rows=rows, arena=arena, resources=resources, everyone=everyone, far=far)
+    senses: list[Sense] = [
+        Deviations(whose),
+        Felt(whose),
+        *(SENSES[name](whose) for name in species.senses),
+        *(Patches(whose, name) for name in species.sees),
+        *(Others(whose, sensed) for sensed in species.neighbours),
+    ]
+    senses = [sense for sense in senses if sense.components]
+    columns = np.cumsum([0, *(len(sense.components) for sense in senses)]).tolist()
+    return Gaze(
+        species=species,
+        rows=rows,
+        layout=_lay_out(species, [c for sense in senses for c in sense.components], everyone),
+        far=far,
+        senses=tuple(zip(senses, columns[:-1], strict=True)),
+    )
+
+
+def layout(species: Species, arena: Arena, resources: Sequence[Resource], everyone: Sequence[Species]) -> Layout:
+    """Return the layout of zeta = [delta, what is felt of others, e] for `species` among `everyone`."""
+    return compile_gaze(species, slice(0, species.slots), arena, resources, everyone).layout
+
+
+def _lay_out(species: Species, components: Sequence[Component], everyone: Sequence[Species]) -> Layout:
+    """Return the layout of `components`, those of the needs first."""
+    own, needs = own_weights(species, everyone), len(species.needs)
+    rest = len(components) - needs
+    return Layout(
+        names=tuple(c.name for c in components),
+        kinds=tuple(c.kind for c in components),
+        scale=np.array([c.scale for c in components]),
+        low=np.array([c.low for c in components]),
+        high=np.array([c.high for c in components]),
+        regulated=np.array([n.regulated for n in species.needs] + [False] * rest),
+        epsilon=species.drive_epsilon,
+        exponent=species.drive_exponent,
+        own=np.array([own[n.name] for n in species.needs] + [1.0] * rest),
+        felt_to=np.array([c.felt_to for c in components]),
+    )
+
+
+def farthest(species: Species, plane: Plane) -> float:
+    """Return the farthest that anything is seen by `species`, length."""
+    return min(species.view_range, plane.diagonal)
+
+
+def observe(model: Model, gaze: Gaze, state: State, seen: Perception) -> np.ndarray:
+    """Return zeta = [delta, what is felt, e] of the n slots of one species, float32 (n, D)."""
+    zeta = np.zeros((gaze.rows.stop - gaze.rows.start, len(gaze.layout.names)), np.float32)
+    for sense, column in gaze.senses:
+        sense.write(zeta, column, model, state, seen)
+    return zeta
+
+
+def show_fatal_needs(
+    model: Model, state: State, internal: Floats, died: Bools, observations: Mapping[str, np.ndarray]
+) -> None:
+    """Write the needs with which agents `died` (N,), from x (N, V) after the tick, into their last observations.
+
+    The state keeps what a dead body stored before the tick, so that the account closes and death is no relief.
+    """
+    body = model.body
+    x = np.where(np.isfinite(internal), np.clip(internal, body.low, body.high), state.internal)
+    for group, species in model.species:
+        rows, width = np.flatnonzero(died[group.slots]), len(species.needs)
+        at = group.slots.start + rows
+        observations[group.name][rows, :width] = (x - body.set_point)[at, :width]
