@@ -24,6 +24,12 @@ INTERVENTIONS = "interventions.jsonl"  # what was done to it from outside
 WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES, INTERVENTIONS)
 
 
+def check_run(folder: Path) -> None:
+    """Raise EcologyError where `folder` holds no run."""
+    if not (folder / CONFIG).is_file():
+        raise EcologyError(f"the folder {str(folder)!r} holds no run: there is no {CONFIG} in it.")
+
+
 def write_json(path: Path, value: Any) -> None:
     """Write `value` as JSON in the place of the file at `path`; what is not finite becomes null."""
     replace_text(path, json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
