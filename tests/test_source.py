@@ -229,5 +229,5 @@ def test_imports_are_found_wherever_they_are_written(tmp_path: Path) -> None:
     }.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
-    found = {path.relative_to(tmp_path).as_posix() for path in source._modules(tmp_path / "world.py")}
+    found = {path.relative_to(tmp_path).as_posix() for path in source.modules(tmp_path / "world.py")}
     assert found == {"world.py", "late.py", "deep/__init__.py", "deep/er/__init__.py", "deep/er/own.py", "deep/side.py"}

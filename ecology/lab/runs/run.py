@@ -6,14 +6,14 @@ import contextlib
 import json
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ecology import Ecology, EcologyError, Tick, agents, faults
+from ecology import Ecology, EcologyError, Scenario, Tick, agents, faults
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError
 from ecology.errors import writable
@@ -29,10 +29,12 @@ from ecology.lab.runs.folder import (
     replace_text,
     write_json,
 )
+from ecology.lab.runs.gate import Gate
 from ecology.lab.runs.interventions import Schedule
 from ecology.lab.runs.run_config import Choice, Plan, read_config, resolve, words_of, world_digest
 from ecology.lab.runs.stopping import Interrupt, StoppedError
 from ecology.lab.runs.tally import Tally
+from ecology.lab.runs.world_file import read_world, write_world
 from ecology.observers.base import Observer
 from ecology.observers.control import Control
 from ecology.observers.mailbox import Mailbox
@@ -109,6 +111,7 @@ class Run:
             if self.plan.forked:  # its first tick cannot be lived again
                 self.save(self.folder / KEPT / str(self.now))
                 self.save()
+            write_world(self.folder, self.scenario)
             replace_text(self.folder / CONFIG, text)
             self.schedule.write()
 
@@ -195,6 +198,7 @@ class Run:
             if self._resumed:
                 if self.plan.copies is None:
                     source.keep(self.plan.code, self.folder, tick=self.now)
+                write_world(self.folder, self.scenario)
                 replace_text(self.folder / CONFIG, text)
             if self._previous:
                 checkpoint.put_aside(self.folder / CHECKPOINT)
@@ -451,22 +455,47 @@ def learner_seed(seed: int, species: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(seed, spawn_key=(LEARNER_STREAM, species))
 
 
-def read_plan(folder: Path, ticks: int | None = None, device: str | None = None, choice: str | None = None) -> Plan:
+def read_plan(
+    folder: Path,
+    ticks: int | None = None,
+    device: str | None = None,
+    choice: str | None = None,
+    *,
+    trust: bool = False,
+    say: Callable[[str], None] | None = None,
+) -> Plan:
     """Return the plan of the run in `folder`, with other `ticks` and another `device` if given.
 
-    `choice` says which code of the user's own to load, see `source.choose`.
+    `choice` says which code of the user's own to load, see `source.choose`. Code that this user has not run before is
+    run only with `trust`; `say` is told whose code is run. See `Gate`.
     """
     check_run(folder)
     config = read_config(folder / CONFIG)
-    return resolve(config=config, ticks=ticks, device=device, copies=source.choose(folder, choice))
+    gate = Gate(choice, trust, say)
+    return resolve(config=config, ticks=ticks, device=device, copies=source.choose(folder, choice), gate=gate)
 
 
-def open_run(folder: Path, ticks: int | None = None, device: str | None = None, choice: str | None = None) -> Run:
+def open_run(
+    folder: Path,
+    ticks: int | None = None,
+    device: str | None = None,
+    choice: str | None = None,
+    *,
+    trust: bool = False,
+    say: Callable[[str], None] | None = None,
+) -> Run:
     """Return the run that `folder` holds, its learners and its world as built, not yet restored.
 
     Its learners compute on the run's device, or on another: a checkpoint holds the same whatever wrote it. For
-    `choice` see `read_plan`.
+    `choice`, `trust` and `say` see `read_plan`.
     """
-    run = Run(read_plan(folder, ticks, device, choice), folder)
+    run = Run(read_plan(folder, ticks, device, choice, trust=trust, say=say), folder)
     run.schedule.read()
     return run
+
+
+def load_world(folder: Path) -> Scenario:
+    """Return the world of the run in `folder` to show what it recorded, without running code that does not ship."""
+    check_run(folder)
+    world = read_world(folder)
+    return read_plan(folder).load() if world is None else world  # a run of an earlier version

@@ -12,7 +12,16 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import EcologyError, check_writable, nearest, writable
-from ecology.lab.cli.options import Quiet, Source, announces_compiling, format_number, read_pairs, read_setting
+from ecology.lab.cli.options import (
+    Quiet,
+    Source,
+    Trust,
+    announces_compiling,
+    format_number,
+    read_pairs,
+    read_setting,
+    say,
+)
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 
 if TYPE_CHECKING:
@@ -46,6 +55,7 @@ def command(
         bool, typer.Option("--again", help="Replace an existing evaluation made with other options.")
     ] = False,
     source: Source = None,
+    trust: Trust = False,
     quiet: Quiet = False,
 ) -> None:
     """Evaluate a run's learner against baselines; write evaluation.json and figures."""
@@ -54,7 +64,7 @@ def command(
     from ecology.lab.runs.run import open_run
     from ecology.observers import recorder
 
-    it = open_run(run, device=device, choice=source)
+    it = open_run(run, device=device, choice=source, trust=trust, say=say(quiet))
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
     learner = it.learners[species or next(iter(it.learners))]
