@@ -152,7 +152,7 @@ def test_it_goes_on_from_the_last_checkpoint(ecology: Command) -> None:
     """Where checkpoints were written on the way, the last of them is named and gone on from."""
     write(FAILS="25")
     Path("config.toml").write_text('scenario = "world.py"\ncheckpoint_every = 10')
-    code, _, err = ecology("run", "--config", "config.toml", "--out", "out", "--no-record", "--quiet")
+    code, _, err = ecology("run", "--config", "config.toml", "--trust", "--out", "out", "--no-record", "--quiet")
     assert code == 2
     assert "go on from tick 20 with" in err
     assert checkpoint.read(Path("out/checkpoint"))["tally"][1]["tick"] == 20

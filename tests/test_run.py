@@ -198,6 +198,7 @@ def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
     cli("run", "paper", "--learner", "random", "--ticks", "200", "--out", str(out), "--quiet")
     assert {path.name for path in out.iterdir()} == {
         "config.toml", "summary.json", "metrics.parquet", "recording.rrd", "checkpoint", "checkpoint.previous", ".lock",
+        "world.json",
     }  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     assert summary["scenario"] == "paper"

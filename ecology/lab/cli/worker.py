@@ -11,7 +11,7 @@ from ecology.agents import lives
 from ecology.errors import EcologyError
 from ecology.lab.cli import main
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
-from ecology.lab.runs.folder import CONFIG, SUMMARY, lock, write_json
+from ecology.lab.runs.folder import CONFIG, SUMMARY, check_links, lock, write_json
 from ecology.lab.runs.run import open_run
 from ecology.lab.runs.run_config import read_config
 from ecology.lab.runs.sweep import LEARNED, LEARNED_OWN, PATIENCE, USER_ERROR, stop_with_parent, summary_at
@@ -40,6 +40,7 @@ def work(folder: Path, *, evaluate: bool, source: str | None = None) -> None:
 
 def measure(folder: Path, source: str | None = None) -> None:
     """Add to the summary of a run what the learner of its first species has learned."""
+    check_links(folder)
     run = open_run(folder, device="cpu", choice=source, trust=True)
     run.restore()
     learner = next(iter(run.learners.values()))

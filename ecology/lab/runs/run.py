@@ -25,6 +25,7 @@ from ecology.lab.runs.folder import (
     KEPT,
     SUMMARY,
     WRITES,
+    check_links,
     check_run,
     replace_text,
     write_json,
@@ -143,12 +144,17 @@ class Run:
 
     def become(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Become what `parts` returned; whatever is raised where they do not fit."""
-        self.schedule.done = min(int(parts["run"][1].get("interventions", 0)), len(self.schedule.entries))
-        self.frozen = set(parts["run"][1].get("frozen", []))
+        done, frozen = parts["run"][1].get("interventions", 0), parts["run"][1].get("frozen", [])
+        if type(done) is not int or done < 0 or not set(frozen) <= self.learners.keys():
+            raise EcologyError(f"interventions are counted, and species are frozen; got {done!r} and {frozen!r}.")
+        self.schedule.done = min(done, len(self.schedule.entries))
+        self.frozen = set(frozen)
         self.tally.restore(*parts["tally"])
         for species, learner in self.learners.items():
             learner.restore(*parts[f"learner_{species}"])
         self.tick = self.env.restore(*parts["world"])
+        if self.tally.tick != self.now:
+            raise EcologyError(f"the world is at tick {self.now}, its sums at {self.tally.tick}.")
 
     def resume(self, *, previous: bool = False) -> None:
         """Go on from the checkpoint (or the previous one), to the plan's ticks.
@@ -186,6 +192,7 @@ class Run:
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
+        check_links(self.folder)
         with writable(self.folder), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             at_end.enter_context(self._lives(observers))
             self._mailbox = Mailbox(self.folder, DO)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ecology import Ecology, Scenario, State, Tick
+from ecology import Ecology, EcologyError, Scenario, State, Tick
+from ecology.agents import checkpoint
 from ecology.agents.base import Learner
 from ecology.observers.base import Mind
 from ecology.state import CAUSES
@@ -231,13 +232,30 @@ class Tally:
         return arrays, {"seconds": self.seconds.tolist()} | {name: getattr(self, name) for name in self.VALUES}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
-        """Become what `state` returned, which has only the blocks that have begun."""
+        """Become what `state` returned, which has only the blocks that have begun.
+
+        Raises EcologyError, nothing being changed, where it does not fit.
+        """
+        for name in self.VALUES:
+            if type(values[name]) is not int or values[name] < 0:
+                raise EcologyError(f"{name} is a whole number of at least 0, got {values[name]!r}.")
+        tick, span = values["tick"], values["span"]
+        if span < 1 or span & (span - 1) or tick > BLOCKS * span:
+            raise EcologyError(f"{tick} ticks are not summed in blocks of {span}.")
+        seconds = np.array(values["seconds"], float)
+        if seconds.shape != (3,) or not (np.isfinite(seconds) & (seconds >= 0)).all():
+            raise EcologyError(f"seconds are three numbers of at least 0, got {values['seconds']!r}.")
+        for name in self.ARRAYS:
+            mine = getattr(self, name)
+            like = mine[: -(-tick // span)] if name in self.BLOCKED else mine
+            known = not name.startswith("measured") or name == "measured_count"  # a measure may be anything
+            checkpoint.check_array(name, arrays[name], like, finite=known, low=0 if mine.dtype.kind == "i" else None)
         for name in self.ARRAYS:
             mine = getattr(self, name)
             mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
         for name in self.VALUES:
             setattr(self, name, values[name])
-        self._seconds = np.array(values["seconds"])
+        self._seconds = seconds
 
 
 def _share(part: float, whole: float) -> float | None:

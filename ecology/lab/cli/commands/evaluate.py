@@ -60,7 +60,7 @@ def command(
 ) -> None:
     """Evaluate a run's learner against baselines; write evaluation.json and figures."""
     from ecology.agents import evaluation, figures
-    from ecology.lab.runs.folder import EVALUATION, FIGURES, METRICS, check_evaluation, write_json
+    from ecology.lab.runs.folder import EVALUATION, FIGURES, METRICS, check_evaluation, check_links, write_json
     from ecology.lab.runs.run import open_run
     from ecology.observers import recorder
 
@@ -74,6 +74,7 @@ def command(
         words: dict[str, Any] = {"scenario": world.name, "settings": dict(world.settings)}
         words |= {"species": learner.group.name, "device": device, "seed": seed, "ticks": ticks, "places": places}
         check_evaluation(where, words)
+    check_links(run)
     it.restore()
     metrics = run / METRICS
     for folder in (where, where / FIGURES):  # what cannot be kept, or is damaged, is told before the long part
