@@ -193,7 +193,7 @@ class Run:
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
         check_links(self.folder)
-        with writable(self.folder), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
+        with writable(self.folder, self._go_on), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             at_end.enter_context(self._lives(observers))
             self._mailbox = Mailbox(self.folder, DO)
             first: tuple[Observer, ...] = (interrupt, self.tally)
@@ -245,6 +245,10 @@ class Run:
                 f"with: {self.resume_command(mended=True)}"
             )
             raise faults.wrap(f"after {self.now} ticks", error, then) from error
+
+    def _go_on(self) -> str:
+        """Say how the run goes on once there is room again."""
+        return f"Then go on from tick {self._saved} with: {self.resume_command()}"
 
     def resume_command(self, *, mended: bool = False) -> str:
         """Return the command that resumes the run, once its own code is `mended` or as it is."""
