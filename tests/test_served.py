@@ -19,8 +19,8 @@ import pytest
 from ecology.agents import checkpoint
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
-from ecology.observers import gate, recording_file, viewer
-from ecology.observers.gate import is_welcome
+from ecology.observers import proxy, recording_file, viewer
+from ecology.observers.proxy import is_welcome
 
 ENDING = 20.0  # seconds within which a run ends whatever its viewers do
 
@@ -67,12 +67,12 @@ def connect(port: int, head: bytes = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n") -> soc
     return link
 
 
-def test_the_gate_bounds_and_sheds(echo: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_proxy_bounds_and_sheds(echo: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of many a few are served, a client that reads nothing is shut out, and another page gets nothing."""
-    monkeypatch.setattr(gate, "SLOW", 0.5)
-    monkeypatch.setattr(gate, "CONNECTIONS", 4)
+    monkeypatch.setattr(proxy, "SLOW", 0.5)
+    monkeypatch.setattr(proxy, "CONNECTIONS", 4)
     port = viewer.free_port("127.0.0.1", 0)
-    gate.open_gate("127.0.0.1", port, echo)
+    proxy.open_proxy("127.0.0.1", port, echo)
     with connect(port, b"POST /x HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://evil.example\r\n\r\n") as evil:
         assert evil.recv(1_000).startswith(b"HTTP/1.1 403")
     with contextlib.ExitStack() as stack:
@@ -84,7 +84,7 @@ def test_the_gate_bounds_and_sheds(echo: int, monkeypatch: pytest.MonkeyPatch) -
         with connect(port) as late:
             assert late.recv(10)
     with pytest.raises(OSError, match="in use"):
-        gate.open_gate("127.0.0.1", port, echo)
+        proxy.open_proxy("127.0.0.1", port, echo)
 
 
 def test_hostile_viewers_change_nothing(tmp_path: Path) -> None:

@@ -189,6 +189,7 @@ def test_a_damaged_world_is_one_error(stranger: Command) -> None:
         "{",
         "[]",
         json.dumps({**told, "world": {**told["world"], "dt": -1}}),
+        json.dumps({**told, "world": {**told["world"], "species": [{**told["world"]["species"][0], "count": 10**12}]}}),
         json.dumps({**told, "world": {**told["world"], "arena": {"type": "Path", "vertices": 3}}}),
         json.dumps({**told, "world": {**told["world"], "species": [3]}}),
     ):

@@ -1,6 +1,6 @@
 """Viewers, fed by a process of its own so that the run never waits for them: one elsewhere, or those that attach.
 
-Who attaches is let in by a gate (gate.py) in that process. Whatever they do there, many or hostile, the run is not
+Who attaches is let in by a proxy (proxy.py) in that process. Whatever they do there, many or hostile, the run is not
 touched: it neither opens nor waits for a connection.
 """
 
@@ -11,14 +11,13 @@ import logging
 import os
 import pickle
 import queue
-import select
 import subprocess
 import sys
 import threading
 
 import rerun as rr
 
-from ecology.observers import gate
+from ecology.observers import proxy
 from ecology.observers.backdrop import open_scene
 from ecology.observers.drawing import Drawing
 from ecology.observers.layout import blueprint
@@ -65,9 +64,13 @@ class Relay:
 
     def _is_ready(self) -> bool:
         """Wait until the process says that viewers can attach; say whether they can."""
-        assert self._process.stdout is not None
-        found, _, _ = select.select([self._process.stdout], [], [], STARTING)
-        return bool(found) and self._process.stdout.read(1) == READY
+        said: list[bytes] = []
+        pipe = self._process.stdout
+        assert pipe is not None
+        waiting = threading.Thread(target=lambda: said.append(pipe.read(len(READY))), daemon=True)
+        waiting.start()
+        waiting.join(STARTING)
+        return said == [READY]
 
     def put(self, message: bytes) -> None:
         """Let `message` wait for its turn, in the place of the oldest where there is no room."""
@@ -136,7 +139,7 @@ def _relayed(how: str, address: str) -> int:
             drawing = Drawing(rec, scene)
             if how == SERVE:
                 host, _, outer = address.rpartition(":")
-                gate.open_gate(host, int(outer), port)
+                proxy.open_proxy(host, int(outer), port)
                 sys.stdout.buffer.write(READY)
                 sys.stdout.buffer.flush()
         else:

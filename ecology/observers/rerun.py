@@ -6,6 +6,7 @@ What is drawn of them is told in drawing.py, where on the screen in layout.py; h
 from __future__ import annotations
 
 import contextlib
+import os
 import pickle
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,6 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# read by Rerun when it is loaded: that bytes of a run that failed are not written is told by the run
+os.environ.setdefault("RUST_LOG", "warn,re_sdk::binary_stream_sink=error")
+
 import rerun as rr
 
 from ecology.env import Ecology
@@ -119,6 +124,23 @@ class RerunObserver:
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Lay out the first screen and show the world as it stands."""
+        self._ended = False
+        try:
+            self._begin(env, minds)
+        except BaseException:
+            self._ended = True  # nobody ends what has not begun
+            self._close()
+            raise
+
+    def _close(self) -> None:
+        """Close the file, and give viewers what waits for them."""
+        with contextlib.ExitStack() as at_end:
+            for each in self._relays:
+                at_end.callback(each.close)
+            if self._file is not None:
+                at_end.callback(self._file.close)
+
+    def _begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         state, scenario = env.state_view, env.scenario
         self._env, self._minds, self._grid = env, minds, maps.cover(scenario.arena)
         self._focus, self._census = Focus.of(env, self._asked), Census(env, self._before)
@@ -141,7 +163,6 @@ class RerunObserver:
             full=(self._detail or ("full" if env.size <= FEW else "lean")) == "full",
             few=env.size <= FEW,
         )
-        self._ended = False
         goes_on = self._open(state.tick)
         if self._port:
             self._relays.append(relay.Relay(relay.SERVE, f"{self._host}:{self._port}", scene))
@@ -254,10 +275,7 @@ class RerunObserver:
             return
         self._ended = True
         with contextlib.ExitStack() as at_end:
-            for each in self._relays:
-                at_end.callback(each.close)
-            if self._file is not None:
-                at_end.callback(self._file.close)
+            at_end.callback(self._close)
             state = self._env.state_view
             if state.tick > self._mapped_at and state.tick % self._every == 0:
                 self._map(state)

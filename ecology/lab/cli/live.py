@@ -166,7 +166,11 @@ class Audience:
                 print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
-            print(f"watch in a viewer: rerun --connect {source}", flush=True)
+            print(
+                f"watch in a viewer: rerun --connect {source} (every program on this machine can read "
+                "it, and draw there for other viewers; none of that reaches the run)",
+                flush=True,
+            )
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Leave the watching to the viewers."""

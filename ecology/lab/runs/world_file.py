@@ -20,6 +20,7 @@ from ecology.lab.runs.folder import replace_text
 
 WORLD = "world.json"  # in a run's folder
 LEFT_OUT = ("rule", "measures", "settings", "learner_settings")  # functions, and what nothing shown depends on
+MOST = 10**7  # agents and patches: no recording has as many rows
 TYPE = "type"  # key of the name of a dataclass
 
 
@@ -39,6 +40,8 @@ def read_world(folder: Path) -> Scenario | None:
         with readable("the world of the run", path):
             told = json.loads(path.read_text(encoding="utf-8"))
         world = _decoded(Scenario, told["world"])
+        if (rows := sum(s.slots for s in world.species) + sum(r.count for r in world.resources)) > MOST:
+            raise ValueError(f"a world of {rows} agents and patches")
         return dataclasses.replace(world, measures={str(name): _unknown for name in told["measures"]})
     except FileNotFoundError:
         return None

@@ -21,7 +21,7 @@ HOSTS = ("127.0.0.1", "localhost", "::1")
 PREFACE = b"PRI * HTTP/2"  # of a viewer that is no page
 
 
-def open_gate(host: str, port: int, inner: int) -> None:
+def open_proxy(host: str, port: int, inner: int) -> None:
     """Serve at (host, port), in a thread, what is served at the port `inner` here; OSError where it is taken."""
     loop, ready = asyncio.new_event_loop(), threading.Event()
     failed: list[OSError] = []
