@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -229,8 +230,21 @@ def test_what_lies_beside_a_copy_is_not_run(ecology: Command) -> None:
     assert code == 2
     assert "decimal.py' is no copy" in err
     assert not cached.exists()
+    listed = Path("run/source/origins.json")
+    honest = listed.read_text()
+    digest = hashlib.sha256(Path("run/source/decimal.py").read_bytes()).hexdigest()
+    forged = {**json.loads(honest), "decimal.py": {"path": str(Path("decimal.py").absolute()), "sha256": digest}}
+    listed.write_text(json.dumps(forged))
+    code, err = ecology(*words)
+    assert code == 2
+    assert "run/source/decimal.py' (sha256" in err
+    listed.write_text(honest)
     Path("run/source/decimal.py").unlink()
     assert ecology(*words) == (0, "")
+    shutil.move("run/source", "away")
+    Path("run/source").symlink_to("../away")
+    code, err = ecology(*words[:4], "50", *words[5:])
+    assert (code, "source' is a link" in err) == (2, True)
 
 
 def test_a_file_by_another_name_is_asked_for(stranger: Command) -> None:

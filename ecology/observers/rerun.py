@@ -362,7 +362,7 @@ class RerunObserver:
             "stocks": census.stocks(scene.scenario, state),
             "measures": np.array(self._env.scenario.measured(state)),
         }
-        if self._sampled % SPARSE == 0:
+        if self._sampled == 0 or state.tick % (SPARSE * self._every) == 0:  # by the tick: a run that is resumed, too
             sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
             sample["coupling"] = {name: self._coupling(name, state) for name in scene.coupled}
         self._samples.append(sample)

@@ -45,9 +45,8 @@ class Gate:
                 raise EcologyError(f"a scenario or learner file is named by a path ending in .py, got {name!r}.")
         if not named:
             return
-        if copies is not None:
-            _check_copies(copies)
-        files = _files(named, copies)
+        beside = [] if copies is None else _check_copies(copies)
+        files = list(dict.fromkeys([*_files(named, copies), *beside]))
         known = noted()
         digests, paths = {each.sha256 for each in known}, {each.path for each in known}
         if copies is not None:
@@ -88,14 +87,23 @@ def _files(names: Iterable[str], copies: Path | None, *, alone: bool = False) ->
         file = Path(source.split(source.locate(name, copies))[0]).absolute()
         if file.is_file():
             for path in [file] if alone else sorted(source.modules(file)):
-                with readable("the source file", path):
-                    found[File(str(path), hashlib.sha256(path.read_bytes()).hexdigest())] = None
+                found[_file(path)] = None
     return list(found)
 
 
-def _check_copies(copies: Path) -> None:
-    """Raise EcologyError where a folder of copies holds code that was not copied; remove what Python has compiled."""
-    wanted = source.copied(copies)
+def _file(path: Path) -> File:
+    with readable("the source file", path):
+        return File(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def _check_copies(copies: Path) -> list[File]:
+    """Return all code in a folder of copies, after removing what Python has compiled there.
+
+    Any of it may be imported, by whatever is imported. Raises EcologyError where some of it was not copied.
+    """
+    wanted, found = source.copied(copies), []
+    if copies.is_symlink():
+        raise EcologyError(f"{str(copies)!r} is a link, and not the folder that was written when the run started.")
     for folder, folders, files in os.walk(copies):
         for name in [each for each in folders if each == CACHE]:
             folders.remove(name)
@@ -109,6 +117,8 @@ def _check_copies(copies: Path) -> None:
         for name in [each for each in files if each.endswith(IMPORTABLE)]:
             if (path := Path(folder, name)).relative_to(copies).as_posix() not in wanted:
                 raise EcologyError(f"{str(path)!r} is no copy that was made when the run started; move it away.")
+            found.append(_file(path.absolute()))
         for name in folders:
             if (path := Path(folder, name)).is_symlink():
                 raise EcologyError(f"{str(path)!r} is a link, and no copy that was made when the run started.")
+    return found
