@@ -216,6 +216,18 @@ def test_own_code_is_run_unasked(ecology: Command) -> None:
     assert {Path(each.path).name for each in trust.noted()} == {"world.py", "beside.py"}
 
 
+def test_a_list_that_cannot_be_kept_stops_nothing(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file that is named is run; what a run folder names needs --trust every time."""
+    Path("file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(Path("file").absolute()))
+    Path("world.py").write_text(CODE)
+    Path("beside.py").write_text("COUNT = 2")
+    assert ecology("run", "world.py", "--ticks", "10", "--out", "run", "--no-record", "--quiet") == (0, "")
+    assert ecology("run", "--resume", "run", "--ticks", "20", "--quiet")[0] == 2
+    for ticks in ("20", "30"):
+        assert ecology("run", "--resume", "run", "--ticks", ticks, "--trust", "--quiet") == (0, "")
+
+
 def test_what_lies_beside_a_copy_is_not_run(ecology: Command) -> None:
     """Neither a file that was not copied nor what Python would take for a compiled copy."""
     Path("world.py").write_text(CODE)

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import platformdirs
 
-from ecology.errors import readable
-
 LIST = "trusted"  # file in the user's folder for the state of this program
 
 
@@ -23,12 +21,10 @@ class File(NamedTuple):
 
 
 def noted() -> set[File]:
-    """Return the files that this user has run."""
-    path = _list()
+    """Return the files that this user has run; none where the list is not there or cannot be read."""
     try:
-        with readable("the list of trusted files", path):
-            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except FileNotFoundError:
+        lines = _list().read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError:
         return set()
     parts = [line.partition("  ") for line in lines]
     return {File(file, digest) for digest, _, file in parts if file}
