@@ -73,10 +73,7 @@ def split(text: str) -> tuple[str, list[str]]:
 
 def _slot(env: Ecology, name: str) -> int:
     """Return the slot of an agent that lives."""
-    living = {env.name_of(slot): slot for slot in np.flatnonzero(env.state_view.alive).tolist()}
-    if name not in living:
-        raise EcologyError(f"no agent {name!r} lives at tick {env.state_view.tick}. {nearest(name, living)}")
-    return living[name]
+    return env.world.model.slot_of(name, env.world.state)
 
 
 def _is_agent(env: Ecology, name: str) -> bool:
@@ -87,17 +84,14 @@ def _is_agent(env: Ecology, name: str) -> bool:
 
 def _patches(env: Ecology, name: str, *, one: bool) -> tuple[Resource, list[int]]:
     """Return the resource that `name` means and the rows of its patches: `one`, or all where none is named."""
-    first, rows = 0, dict[str, tuple[int, Resource]]()
-    for resource in env.scenario.resources:
-        rows[resource.name] = first, resource
-        first += resource.count
+    rows = env.world.model.patches
     owner, number = name, ""
     if name not in rows and (match := re.fullmatch(r"(.+)[._](\d+)", name)) and match[1] in rows:
         owner, number = match[1], match[2]
     if owner not in rows:
         known = [*rows, *env.groups]
         raise EcologyError(f"there is no resource {owner!r}. {nearest(owner, known)}")
-    row, resource = rows[owner]
+    resource = next(each for each in env.scenario.resources if each.name == owner)
     if number and int(number) >= resource.count:
         raise EcologyError(
             f"the resource {owner!r} has {resource.count} patches, counted from 0; there is no patch {number}."
@@ -106,7 +100,8 @@ def _patches(env: Ecology, name: str, *, one: bool) -> tuple[Resource, list[int]
         raise EcologyError(
             f"the resource {owner!r} has {resource.count} patches, counted from 0; name one, as {owner}.0."
         )
-    return resource, [row + int(number)] if number else list(range(row, row + resource.count))
+    found = list(range(rows[owner].start, rows[owner].stop))
+    return resource, [found[int(number)]] if number else found
 
 
 def _species(env: Ecology, name: str) -> Species:

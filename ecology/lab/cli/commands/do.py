@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from ecology.errors import EcologyError
-
 ORDER = 6
 
 
@@ -25,11 +23,10 @@ def command(
 ) -> None:
     """Intervene in a run that is alive, between two of its ticks, and print what was done."""
     from ecology.interventions import split
-    from ecology.lab.runs.folder import CONFIG, INTERVENTIONS, is_locked
+    from ecology.lab.runs.folder import CONFIG, INTERVENTIONS, check_run, is_locked
     from ecology.observers.mailbox import request
 
-    if not (run / CONFIG).is_file():
-        raise EcologyError(f"the folder {str(run)!r} holds no run: there is no {CONFIG} in it.")
+    check_run(run)
     text = " ".join(what)
     split(text)
     print(
