@@ -144,8 +144,17 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
+    if state.pace is not None:
+        slow(model, state, speed, state.pace)
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
+
+
+def slow(model: Model, state: State, speed: Floats, pace: Floats) -> None:
+    """Hold `speed` (N,) to the share `pace` (N,) of what the actions allow."""
+    for group, table in model.acting:
+        rows = group.slots
+        speed[rows] = np.minimum(speed[rows], table.speed[state.action[rows]] * pace[rows])
 
 
 def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:

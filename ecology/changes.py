@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ecology import powers
 from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
 from ecology.ground.outline import polygon_of
@@ -97,6 +98,9 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     for name, least in (("age", 0.0), ("hold", 0.0)):
         if name in changed:
             _hold(name, changed[name], changed[name] >= least, "at least 0")
+    for name in powers.SHARES:
+        if name in changed:
+            _hold(name, changed[name], (changed[name] >= 0) & (changed[name] <= 1), "from 0 to 1")
     for name, low_, high_ in (
         ("action", 0, choices), ("cause", 0, len(CAUSES)), ("fatal_need", -1, body.low.shape[1]),
         ("bound_for", -1, patches), ("bit", -1, slots), ("gave", -1, slots), ("closed", 0, np.inf),
@@ -135,6 +139,8 @@ def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -
     speed, fastest = told["told_velocity"], FARTHEST * model.radius.max(initial=0.0) / model.dt
     _hold("told_velocity", speed, np.abs(speed) <= fastest * (1 + ROUNDING), f"at most {fastest:g}", SNAPSHOT)
     _hold("stock", state.stock, state.stock >= 0, "at least 0", SNAPSHOT)
+    for name in powers.SHARES & arrays.keys():
+        _hold(name, arrays[name], (arrays[name] >= 0) & (arrays[name] <= 1), "from 0 to 1", SNAPSHOT)
     _hold("heading", state.heading, np.abs(state.heading) <= np.pi, "from -pi to pi", SNAPSHOT)
     for name, low, high in (
         ("age", 0, np.inf), ("hold", 0, np.inf), ("closed", 0, np.inf), ("action", 0, model.choices),

@@ -23,6 +23,7 @@ import numpy as np
 from ecology.env import Ecology
 from ecology.errors import EcologyError
 from ecology.ground import split_room
+from ecology.observers.shapes import patches as patches_drawn
 from ecology.scenario import Scenario
 from ecology.spec import require
 from ecology.state import Ints, State
@@ -314,7 +315,7 @@ def a_copy_lives_on(scenario: Scenario, ticks: int) -> None:
 def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
     """Hold the living to be within the arena, and their ways to cross no wall, whatever they do."""
     if scenario.rule is not None:  # a rule may put a body behind a wall, so ways are looked at without it
-        bodies_stay_inside(dataclasses.replace(scenario, rule=None), ticks)
+        bodies_stay_inside(dataclasses.replace(scenario, rule=None, memory={}), ticks)
     env = Ecology(scenario)
     ground = env.world.model.ground
     (left, bottom), (right, top) = scenario.arena.extent
@@ -414,6 +415,24 @@ def names_never_return(scenario: Scenario, ticks: int) -> None:
         free = ~tick.alive
 
 
+def gone_patches_offer_nothing(scenario: Scenario, ticks: int) -> None:
+    """Hold patches that come and go to be there with more than `gone_below`, or gone: empty, unseen, and not drawn."""
+    ends = np.array(
+        [-1.0 if r.gone_below is None else r.gone_below for r in scenario.resources for _ in range(r.count)]
+    )
+    if not (ends >= 0).any():
+        return
+    env = Ecology(scenario)
+    for _ in _lives(env, 12, ticks):
+        now = env.state_view
+        gone = (ends >= 0) & (now.stock <= ends)
+        where = f"tick {now.tick}: patch {int(np.argmax(gone))}"
+        require(bool((now.stock[gone] == 0).all()), f"{where} is gone, but something is left of it.")
+        require(not (now.seen | now.inside)[:, gone].any(), f"{where} is gone, but a body sees it or stands in it.")
+        drawn = patches_drawn(scenario, now)[gone]
+        require(bool(np.isnan(drawn).all()), f"{where} is gone, but drawn.")
+
+
 CHECKS: Mapping[str, Check] = {
     "PettingZoo's own test passes": pettingzoo_accepts_it,
     "observations and rewards are finite, observations inside their space": observations_lie_in_their_space,
@@ -429,4 +448,5 @@ CHECKS: Mapping[str, Check] = {
     "the smallest body can reach all of the arena": bodies_reach_everything,
     "every account closes": accounts_close,
     "names never return": names_never_return,
+    "what is gone offers nothing": gone_patches_offer_nothing,
 }

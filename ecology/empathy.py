@@ -20,6 +20,7 @@ from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
+    from ecology.sight import Eyes
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,9 @@ def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats
     return (1.0 - coupling.own) * mean
 
 
-def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints, factors: Mapping[str, float]) -> None:
+def update_drives(
+    model: Model, state: State, eyes: Eyes, pairs: Pairs | None, order: Ints, factors: Mapping[str, float]
+) -> None:
     """Set the drive of every agent, its own and what it feels of others.
 
     `order` (N,) of all slots serves the shuffled lesion, `factors` multiply what a species feels.
@@ -172,12 +175,14 @@ def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints, 
     body, last = model.body, (state.drive, state.felt)
     delta = physiology.deviation(body, state.internal)
     state.own_drive = state.drive = physiology.drive(delta, body.epsilon, 1.0 if body.straight else body.exponent)
+    if model.appearing is not None and model.appearing.left:  # what is taken out of the dead changes no drive
+        state.own_drive = state.drive = np.where(state.alive, state.drive, last[0])
     if not model.couplings:
         return
     state.own("felt", "drive")
     for coupling in model.couplings:
         rows = coupling.rows
-        felt = feel(coupling, weigh(model, state, coupling, pairs, order, factors), state, body)
+        felt = feel(coupling, weigh(model, state, eyes, coupling, pairs, order, factors), state, body)
         state.felt[rows] = felt
         if coupling.empathy.form == "sum":
             state.drive[rows] = state.own_drive[rows] + felt[:, 0]
@@ -190,12 +195,18 @@ def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints, 
 
 
 def weigh(
-    model: Model, state: State, coupling: Coupling, pairs: Pairs | None, order: Ints, factors: Mapping[str, float]
+    model: Model,
+    state: State,
+    eyes: Eyes,
+    coupling: Coupling,
+    pairs: Pairs | None,
+    order: Ints,
+    factors: Mapping[str, float],
 ) -> Floats:
     """Return whom the agents of one species feel now and how much, (n, m)."""
     seen = None
     if coupling.empathy.sight and pairs is not None:
-        seen = model.eyes.sees_others(pairs, state.position, state.heading, model.looks)
+        seen = eyes.sees_others(pairs, state.position, state.heading, model.looks)
     weight = matrix(coupling, state, model.plane, pairs, seen, order)
     factor = factors.get(coupling.species, 1.0)
     return weight if factor == 1.0 else weight * factor

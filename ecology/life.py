@@ -38,8 +38,11 @@ def place(ground: Ground, species: Species, count: int, rng: np.random.Generator
 # ---- births ----------------------------------------------------------------------------------
 
 
-def reproduce(model: Model, state: State, free: Bools, rng: np.random.Generator) -> tuple[Bools, Ints]:
-    """Let newborns take `free` slots (N,); return which slots were born (N,) and the slot of each one's parent (N,)."""
+def reproduce(model: Model, state: State, free: Bools, met: Met, rng: np.random.Generator) -> tuple[Bools, Ints]:
+    """Let newborns take `free` slots (N,); return which slots were born (N,) and the slot of each one's parent (N,).
+
+    Those of fit parents come first, then newcomers, then those that the rule brought about in `met`, while slots last.
+    """
     born, parent = np.zeros(model.size, bool), model.nobody.copy()
     for group, species in model.species:
         if not species.grows:
@@ -54,12 +57,18 @@ def reproduce(model: Model, state: State, free: Bools, rng: np.random.Generator)
             near = beside(model.ground, state.position[parents], species.radius, rng)
             position = np.concatenate([near, position])
             heading = np.concatenate([rng.uniform(-np.pi, np.pi, len(parents)), heading])
+        if met.outcome is not None and group.name in met.outcome.births:
+            of_rule = met.outcome.births[group.name][: len(slots) - len(position)]
+            position = np.concatenate([position, model.plane.home(of_rule)])
+            heading = np.concatenate([heading, rng.uniform(-np.pi, np.pi, len(of_rule))])
+            chosen = met.outcome.parents.get(group.name, np.full(len(of_rule), -1))[: len(of_rule)]
+            parents = np.concatenate([parents, np.full(arriving, -1), chosen])
         new = slots[: len(position)]
         if not new.size:
             continue
         start_lives(model, state, new, position, heading)
         parent[new[: len(parents)]] = parents
-        state.parent[new[: len(parents)]] = state.serial[parents]
+        state.parent[new[: len(parents)]] = np.where(parents >= 0, state.serial[parents], -1)
         born[new] = True
     return born, parent
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, powers
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, ground_of, walls
@@ -34,6 +34,13 @@ class Outcome:
     given: Floats  # (N, V) units taken from needs
     killed: Bools  # (N,)
     position: Floats | None = None  # (N, 2) where bodies are put; None: they stay where they are
+    stock: Floats | None = None  # (R,) units added to stocks that are there, taken where negative
+    patches: dict[str, Floats] = field(default_factory=dict)  # resource -> (k, 3) x, y, stock of patches that appear
+    births: dict[str, Floats] = field(default_factory=dict)  # species -> (k, 2) where newborns start
+    parents: dict[str, Ints] = field(default_factory=dict)  # species -> (k,) slot of each newborn's parent, -1 without
+    pace: Floats | None = None  # (N,) share of its speed at which a body moves in the next tick, from 0 to 1; None: all
+    sight: Floats | None = None  # (N,) share of its view range that it sees until the next tick, from 0 to 1; None: all
+    memory: dict[str, Any] = field(default_factory=dict)  # name -> what the rule remembers of it from now on
 
     def __setattr__(self, name: str, value: object) -> None:
         if name not in OUTCOME:
@@ -61,6 +68,7 @@ class World:
     resources: Mapping[str, slice] = field(default_factory=dict)  # rows of its patches, by resource
     arena: Arena | None = None
     ground: Ground | None = None  # of the arena, once compiled
+    memory: Mapping[str, np.ndarray] = field(default_factory=dict)  # the rule's own state: `Scenario.memory`, as it is
 
     def resource(self, name: str) -> slice:
         """Return the rows of the patches of a resource in `state.stock`, `state.resource_position` and the like."""
@@ -140,6 +148,7 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
                 f"{owner}: position puts {species}_{state.serial[slot]} at {outcome.position[slot].tolist()}, outside "
                 "the arena; world.inside(position) says which places are within."
             )
+    powers.check(outcome, scenario, world, owner)
     return outcome
 
 
@@ -156,6 +165,7 @@ class Met:
     ruled: Bools  # (N,) killed by the scenario's rule
     biter: Ints  # (N,) slot of the agent that bit each, -1 without
     wound: Floats | None = None  # (N, V) what bites took; None: nothing
+    outcome: Outcome | None = None  # of the scenario's rule
 
 
 def meet(model: Model, state: State, seen: Perception, control: Floats, rng: Mapping[str, np.random.Generator]) -> Met:
@@ -247,9 +257,14 @@ def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) 
     world = World(
         state.readonly(), model.dt, {g.name: g.slots for g in groups}, model.needs,
         {g.name: g.actions for g in groups}, model.patches, model.scenario.arena, model.ground,
+        powers.recall(model.memory, state.memory),
     )  # fmt: skip
     outcome = checked(rule(world, rng), model.scenario, world)
     living = state.alive[:, None]
+    met.outcome = outcome
+    state.pace, state.sight = outcome.pace, outcome.sight
+    if outcome.memory and state.memory is not None:
+        state.memory = powers.remember(model.memory, state.memory, outcome.memory)
     met.received += np.where(living, outcome.received, 0.0)
     met.given += np.where(living, outcome.given, 0.0)
     met.ruled = outcome.killed & state.alive

@@ -10,10 +10,12 @@ import numpy as np
 
 from ecology import empathy, physiology, resources, senses
 from ecology.actions import ActionTable, compile_actions
+from ecology.appearing import Appearing, compile_appearing
 from ecology.empathy import Coupling
 from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, Plane, ground_of
 from ecology.physiology import Body
+from ecology.powers import Slot, compile_memory
 from ecology.resources import ResourceTable
 from ecology.scenario import Scenario
 from ecology.senses import Gaze, Layout
@@ -74,6 +76,8 @@ class Model:
     meets: bool  # whether bodies bite, give or crowd
     mortal: bool  # whether anyone can die
     grows: bool  # whether anyone can be born
+    appearing: Appearing | None  # patches that spoil, come and go
+    memory: Mapping[str, Slot]  # where the rule finds its own state, by name
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Return this model: it never changes, so copies of a world share it."""
@@ -152,6 +156,7 @@ def compile_model(scenario: Scenario) -> Model:
         for i, s in enumerate(species)
     }
     kinds = scenario.resources
+    patches = dict(zip([r.name for r in kinds], _blocks([r.count for r in kinds]), strict=True))
     return Model(
         scenario=scenario,
         dt=dt,
@@ -164,7 +169,7 @@ def compile_model(scenario: Scenario) -> Model:
         species=tuple(zip(groups.values(), species, strict=True)),
         gazes=gazes,
         needs={s.name: tuple(need.name for need in s.needs) for s in species},
-        patches=dict(zip([r.name for r in kinds], _blocks([r.count for r in kinds]), strict=True)),
+        patches=patches,
         body=body,
         eyes=compile_eyes(species, ground, kinds),
         resources=resources.compile_resources(kinds, arena, species),
@@ -182,6 +187,8 @@ def compile_model(scenario: Scenario) -> Model:
         or scenario.rule is not None
         or any(s.hazard is not None or any(a.kind == "bite" for a in s.actions) for s in species),
         grows=any(s.grows for s in species),
+        appearing=compile_appearing(scenario, patches, {g.name: g.slots for g in groups.values()}, width),
+        memory=compile_memory(scenario.memory),
     )
 
 

@@ -52,6 +52,7 @@ class ResourceTable:
     drifts: Ints  # (D,) resources that drift
     spread: Floats  # (D,) length per square root of a unit of time
     relocates: Bools  # (R,)
+    gone_below: Floats | None  # (R,) stock at which a patch is gone, -1 where it stays; None: all stay
     seasonal: bool  # whether any growth has a season
     finite: bool  # whether any stock can be short
     uncertain: bool  # whether any is not always available
@@ -98,6 +99,9 @@ def compile_resources(resources: Sequence[Resource], arena: Arena, everyone: Seq
         drifts=np.array([i for i, _ in drifts], np.int64),
         spread=np.array([m.spread for _, m in drifts], float),
         relocates=np.array([isinstance(r.motion, Relocation) for r in resources], bool),
+        gone_below=np.array([-1.0 if r.gone_below is None else r.gone_below for r in resources], float)
+        if any(r.gone_below is not None for r in resources)
+        else None,
         seasonal=any(r.growth is not None and r.growth.season is not None for r in resources),
         finite=finite,
         uncertain=uncertain,
@@ -231,6 +235,8 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
     if exponential.size:
         rate = np.minimum(table.exponential[exponential] * span[exponential], 600.0)  # e^600 fills any stock
         grown[exponential] = stock[exponential] * elementary.expm1(rate)
+    if table.gone_below is not None:
+        grown[stock - eaten <= table.gone_below] = 0.0  # nothing grows on what is gone
     finite = np.isfinite(stock)
     left = np.where(finite, stock - eaten, 0.0)  # not negative: a share is at most the stock
     grown = np.where(finite, np.minimum(grown, table.capacity - left), eaten)

@@ -12,9 +12,10 @@ from ecology import typed
 from ecology.errors import EcologyError, nearest
 from ecology.ground.outline import polygon_of
 from ecology.meetings import Rule
+from ecology.powers import check_memory
 from ecology.resources import consumers, too_far
 from ecology.senses import SENSES, layout
-from ecology.spec import Action, Arena, Drift, Oscillation, Relocation, Resource, Species, require
+from ecology.spec import Action, Arena, Drift, Oscillation, Relocation, Remains, Resource, Species, require
 from ecology.state import State
 
 SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
@@ -33,6 +34,7 @@ class Scenario:
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
     rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
+    memory: Mapping[str, object] = field(default_factory=dict)  # the rule's own state at the start: numbers or arrays
     measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
 
@@ -60,6 +62,7 @@ class Scenario:
             sum(species.count for species in self.species) > 0 or any(s.arrival for s in self.species),
             f"{owner}: at least one agent; every species has the count 0 and no arrivals.",
         )
+        check_memory(owner, self.memory, self.rule is not None)
         require("" not in self.measures, f"{owner}: a measure needs a name, got '' in {sorted(self.measures)}.")
         for species in self.species:
             self._check_needs_named(species)
@@ -201,6 +204,8 @@ class Scenario:
         if species.birth is not None:
             mentions += [("birth's threshold", species.birth.threshold, species)]
             mentions += [("birth's cost", species.birth.cost, species)]
+        if species.remains is not None:
+            mentions.append(("remains", species.remains.needs, species))
         for action in species.actions:
             mentions += [
                 (f"{word} of action {action.name!r}", getattr(action, word), species)
@@ -240,6 +245,8 @@ class Scenario:
                     f"{owner}: a birth costs {cost!r} of {name!r}, and its threshold would leave {left!r}, below the "
                     f"lower bound {low[name]!r}; raise the threshold or lower the cost.",
                 )
+        if species.remains is not None:
+            self._check_remains(owner, species, species.remains)
         if empathy is not None:
             shapes = {len(row) for row in empathy.matrix} if empathy.matrix is not None else {species.slots}
             rows = species.slots if empathy.matrix is None else len(empathy.matrix)
@@ -261,6 +268,24 @@ class Scenario:
             require(
                 empathy.lesion != "shuffled" or felt >= 3,
                 f"{owner}: shuffled partners need at least 3 to shuffle, got {felt}; use the lesion 'off' or 'sham'.",
+            )
+
+    def _check_remains(self, owner: str, species: Species, remains: Remains) -> None:
+        known = {r.name: r for r in self.resources}
+        require(
+            remains.resource in known,
+            f"{owner}: its remains name the resource {remains.resource!r}. {nearest(remains.resource, known)}",
+        )
+        require(
+            known[remains.resource].gone_below is not None,
+            f"{owner}: its remains are patches of {remains.resource!r}, which must come and go; give that resource "
+            "gone_below.",
+        )
+        for need in species.needs:
+            require(
+                math.isfinite(need.low) or not remains.needs.get(need.name),
+                f"{owner}: its remains count what it stores of {need.name!r} from the lower bound on, which is "
+                f"{need.low!r}; give the need a finite bound.",
             )
 
     @staticmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,13 +58,18 @@ def compile_eyes(species: tuple[Species, ...], ground: Ground, resources: tuple[
     )
 
 
-def find_patches(model: Model, state: State, offered: Bools) -> tuple[Bools, Bools, Ints, Ints, Ints]:
+def eyes_now(model: Model, state: State) -> Eyes:
+    """Return the eyes of the bodies as they are now: the rule may shorten how far they see."""
+    return model.eyes if state.sight is None else replace(model.eyes, range=model.eyes.range * state.sight)
+
+
+def find_patches(model: Model, state: State, eyes: Eyes, offered: Bools) -> tuple[Bools, Bools, Ints, Ints, Ints]:
     """Return where the patches are from each body; see `around`.
 
     A patch is seen within the angle and the range of the view field, with no wall between. `offered` (R,) are patches
     that can be consumed. An agent that has arrived at a patch is bound for it no more.
     """
-    eyes, extent = model.eyes, model.plane
+    extent = model.plane
     state.own("bound_for")
     return around(
         state.position, state.heading, state.alive, state.bound_for, eyes.sees, eyes.half_angle, eyes.range,

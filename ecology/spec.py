@@ -16,6 +16,7 @@ from ecology.errors import EcologyError
 
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
 Commitment = Literal["free", "committed"]
+Cause = Literal["need", "eaten", "hazard", "rule", "bitten"]
 
 
 def require(rule: bool, message: str) -> None:
@@ -333,6 +334,29 @@ Motion = Oscillation | Drift | Relocation
 
 
 @dataclass(frozen=True, kw_only=True)
+class Seeding:
+    """Patches that appear by chance where patches of the resource are gone, each with its stock at the start.
+
+    `rate` brings them anywhere in the arena, `offspring` beside patches that are there: uniform over a circle of `reach`
+    around each; those that would land behind a wall are lost. With all patches there, nothing appears.
+    """
+
+    rate: float = 0.0  # anywhere, per unit of time
+    offspring: float = 0.0  # beside a patch, per unit of time and patch that is there
+    reach: float = 1.0  # of offspring, farthest distance from its parent, length
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _finite("Seeding", rate=self.rate, offspring=self.offspring, reach=self.reach)
+        require(
+            self.rate >= 0 and self.offspring >= 0 and self.rate + self.offspring > 0,
+            f"Seeding: rate and offspring must not be negative, and one must be positive, got {self.rate!r} and "
+            f"{self.offspring!r}; leave seeding out for none.",
+        )
+        require(self.reach > 0, f"Seeding: reach must be positive, got {self.reach!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Resource:
     """A stock at a place: a circle in the plane within which it can be consumed; or `count` of them.
 
@@ -340,10 +364,13 @@ class Resource:
     of intake: what consuming adds to needs is what leaves the stock. Of several patches, each has its
     own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen
     from where there is none.
+
+    With `gone_below`, patches come and go: one whose stock is no more than that is gone, what was left of it is spoiled,
+    and its place is free for the next one that `seeding`, the `Remains` of a body or the scenario's rule brings.
     """
 
     name: str
-    count: int = 1  # patches
+    count: int = 1  # patches; with gone_below the most that are there at once
     position: tuple[float, float] | None = None  # at the start; anywhere in the arena when None
     radius: float = 0.3
     stock: float = math.inf  # at the start, units of intake
@@ -351,10 +378,15 @@ class Resource:
     growth: Growth | None = None  # none: what is eaten does not come back
     availability: float = 1.0  # probability of being there, drawn anew at every whole unit of time
     motion: Motion | None = None  # none: it stays where it is
+    decay: float = 0.0  # share of the stock that spoils per unit of time
+    gone_below: float | None = None  # stock at which a patch is gone; None: an empty patch stays where it is
+    present: int | None = None  # patches that are there at the start; all when None
+    seeding: Seeding | None = None  # patches that appear by chance
 
     def __post_init__(self) -> None:
         typed.check(self)
         owner = f"resource {self.name!r}"
+        self._check_coming_and_going(owner)
         _words(owner, self.name)
         if self.position is not None:
             require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")
@@ -403,6 +435,37 @@ class Resource:
             not isinstance(self.motion, Relocation) or 0 < self.stock < math.inf,
             f"{owner}: a relocation waits until the stock is eaten up, so it needs a finite stock above 0, "
             f"got {self.stock!r}.",
+        )
+
+    def _check_coming_and_going(self, owner: str) -> None:
+        _finite(owner, decay=self.decay)
+        require(self.decay >= 0, f"{owner}: decay must not be negative, got {self.decay!r}.")
+        require(
+            self.decay == 0 or math.isfinite(self.stock),
+            f"{owner}: only a finite stock spoils, got the stock {self.stock!r}; give a stock or leave decay out.",
+        )
+        comes = self.gone_below is not None
+        if self.gone_below is not None:
+            _finite(owner, gone_below=self.gone_below)
+            require(self.gone_below >= 0, f"{owner}: gone_below must not be negative, got {self.gone_below!r}.")
+            require(
+                math.isfinite(self.stock) and self.most > self.gone_below,
+                f"{owner}: patches that can be gone have a finite stock and a capacity above gone_below, got the stock "
+                f"{self.stock!r}, the capacity {self.most!r} and gone_below {self.gone_below!r}.",
+            )
+            require(
+                self.motion is None,
+                f"{owner}: patches that come and go do not move, got {self.motion!r}; leave out motion or gone_below.",
+            )
+        require(
+            self.present is None or (comes and 0 <= self.present <= self.count),
+            f"{owner}: present is how many of the {self.count!r} patches are there at the start, and needs gone_below, "
+            f"got {self.present!r}.",
+        )
+        require(
+            self.seeding is None or (comes and self.stock > (self.gone_below or 0.0)),
+            f"{owner}: seeding brings patches with the stock at the start, which must be above gone_below, got the "
+            f"stock {self.stock!r} and gone_below {self.gone_below!r}; give both.",
         )
 
     @property
@@ -459,7 +522,7 @@ class Birth:
     """Offspring of a parent that is fit: alive, mature, and every need in `threshold` at least there.
 
     A fit parent bears at `rate`, into a free slot of its species, beside itself; without a free slot
-    it waits. The newborn's needs are at their start.
+    it waits. The newborn's needs are at their start. With the rate 0 only the scenario's own rule brings newborns.
     """
 
     rate: float  # per unit of time and fit parent
@@ -471,7 +534,7 @@ class Birth:
         typed.check(self)
         _finite("Birth", rate=self.rate, maturity=self.maturity)
         _finite("Birth", **self.threshold)  # apart: a need may have the name of a field
-        require(self.rate > 0, f"Birth: rate must be positive, got {self.rate!r}; leave birth out for none.")
+        require(self.rate >= 0, f"Birth: rate must not be negative, got {self.rate!r}; leave birth out for none.")
         require(self.maturity >= 0, f"Birth: maturity must not be negative, got {self.maturity!r}.")
         _amounts("Birth", "cost", self.cost)
 
@@ -487,6 +550,32 @@ class Hazard:
         typed.check(self)
         _finite("Hazard", rate=self.rate, ageing=self.ageing)
         require(self.rate >= 0, f"Hazard: rate must not be negative, got {self.rate!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remains:
+    """What a body leaves where it dies: a patch of a resource whose patches come and go.
+
+    Its stock is `body` units, and of each need named the share that the body still stored of it, above the need's lower
+    bound. Where no patch is free, or beyond the capacity, what is left is lost with the body.
+    """
+
+    resource: str
+    needs: Mapping[str, float] = field(default_factory=dict)  # need -> share of what is stored, from 0 to 1
+    body: float = 0.0  # units that any body leaves, however starved
+    causes: tuple[Cause, ...] = ("need", "hazard", "rule", "bitten", "eaten")  # of the deaths that leave something
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _finite("Remains", body=self.body)
+        require(self.body >= 0, f"Remains: body must not be negative, got {self.body!r}.")
+        for name, share in self.needs.items():
+            require(0 <= share <= 1, f"Remains: the share of {name!r} must lie from 0 to 1, got {share!r}.")
+        require(
+            self.body > 0 or any(self.needs.values()),
+            "Remains: nothing is left, body is 0 and no need has a share; give either, or leave remains out.",
+        )
+        require(bool(self.causes), "Remains: no cause of death leaves anything; name one, or leave remains out.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -574,6 +663,7 @@ class Species:
     birth: Birth | None = None  # offspring
     arrival: float = 0.0  # newcomers from outside, per unit of time
     hazard: Hazard | None = None  # death by chance
+    remains: Remains | None = None  # what is left of a body
     radius: float = 0.1  # of the body, length
     solid: bool = True  # whether the bodies of others are in its way
     view_angle: float = 2 * math.pi  # of the view field, radians

@@ -54,18 +54,22 @@ class State:
     stock: Floats  # (R,) what is left, units of intake
     available: Bools  # (R,) there in this unit of time
     # the account, summed up since the start: what is stored is what came in less what went out
-    grown: Floats  # (R,) into the stock, by growth and relocation; unlimited: as much as was eaten
+    grown: Floats  # (R,) into the stock, by all but what spoiled: growth, relocation, seeds, remains; unlimited: eaten
     eaten: Floats  # (R,) out of the stock
     ingested: Floats  # (N, V) eaten by the body
     received: Floats  # (N, V) from others: prey, gifts, at birth, by the scenario's own rule
-    given: Floats  # (N, V) to others: bitten off, gifts, the cost of a birth, by the scenario's own rule
+    given: Floats  # (N, V) to others: bitten off, gifts, the cost of a birth, remains, by the scenario's own rule
     metabolised: Floats  # (N, V) taken by the rest of f and g: its own dynamics, other controls, noise
     lost: Floats  # (N, V) beyond the bounds, in the tick of death, or a body's rest; negative: held up by a bound
     returned: int  # times that the arena's guarantee put a body back inside
     closed: Ints  # (N,) closed actions asked for so far, each replaced
+    # there only in worlds that use them, else None
+    memory: Floats | None = None  # (M,) the own state of the scenario's rule, one name after the other
+    pace: Floats | None = None  # (N,) share of its speed at which the rule lets a body move in the next tick
+    sight: Floats | None = None  # (N,) share of its view range that the rule lets it see
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return the array fields by name."""
+        """Return the array fields by name; those that this world does not use are left out."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 

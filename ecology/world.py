@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import NoneType
 from typing import Any
 
 import numpy as np
 
 from ecology import (
     actions,
+    appearing,
     changes,
     empathy,
     life,
     meetings,
     neighbours,
     physiology,
+    powers,
     resources,
     senses,
     sight,
@@ -117,9 +120,11 @@ class ArrayWorld:
         died, killer = life.die(model, state, internal, met, rng["hazard"])
         free = ~state.alive
         physiology.commit(model, state, internal, ingested + met.received - met.given, died)
-        born, parent = life.reproduce(model, state, free, rng["offspring"])
+        born, parent = life.reproduce(model, state, free, met, rng["offspring"])
         # resources: stocks regrow, come and go, move
         resources.renew(model, state, eaten, rng)
+        if model.appearing is not None or met.outcome is not None:
+            appearing.renew(model, state, died, met, rng)
         # time
         state.tick += 1
         state.time = state.tick * model.dt
@@ -138,13 +143,16 @@ class ArrayWorld:
     def _perceive(self, state: State, last: neighbours.Pairs | None) -> Perception:
         """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
         model = self.model
-        offered = resources.offered(state.stock, state.available)
-        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, offered)
+        offered, eyes = resources.offered(state.stock, state.available), sight.eyes_now(model, state)
+        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, offered)
+        if model.appearing is not None and model.appearing.comes:
+            there = ~appearing.absent(model, state.stock)
+            state.inside, state.seen = state.inside & there, state.seen & there
         pairs = neighbours.find(model.plane, state.position, state.alive, model.near, last) if model.near else None
         targets = meetings.aim(model, state, pairs)
-        empathy.update_drives(model, state, pairs, self.lesion_order, self.reweighed)
+        empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, here, toward, targets)
-        return Perception(here, toward, nearest_patch, pairs, targets, masks)
+        return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes)
 
     def _observe(
         self,
@@ -188,7 +196,7 @@ class ArrayWorld:
         if pairs is None or not model.looks[slot]:
             return np.empty(0, np.int64)
         looks = np.arange(model.size) == slot
-        return pairs.other[model.eyes.sees_others(pairs, state.position, state.heading, looks)]
+        return pairs.other[self.perception.eyes.sees_others(pairs, state.position, state.heading, looks)]
 
     def coupling(self, species: str, need: str | None = None) -> tuple[Floats, Ints] | None:
         """Return the weights of empathy, see `Ecology.coupling`."""
@@ -202,7 +210,8 @@ class ArrayWorld:
             return None
         column = None if need is None else needs.index(need)
         state = self.state
-        weight = empathy.weigh(model, state, coupling, self.perception.pairs, self.lesion_order, self.reweighed)
+        seen = self.perception
+        weight = empathy.weigh(model, state, seen.eyes, coupling, seen.pairs, self.lesion_order, self.reweighed)
         return empathy.weights(coupling, weight, state.alive, column)
 
     # ---- changing a world between ticks ------------------------------------------------------
@@ -266,7 +275,7 @@ class ArrayWorld:
         """Return all that the world has become, see `Ecology.snapshot`."""
         state = self.state
         arrays = {name: array.copy() for name, array in state.arrays().items()}
-        plain = {f.name: getattr(state, f.name) for f in fields(state) if f.name not in arrays}
+        plain = _plain(state)
         arrays |= self._physics.memory()
         streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
         more = {"reweighed": dict(self.reweighed)} if self.reweighed else {}
@@ -279,6 +288,7 @@ class ArrayWorld:
         state = fresh.state.next()
         memory = fresh._physics.memory()  # of as many ticks as there were
         own = state.arrays() | {name: array[:0] for name, array in memory.items()}
+        own |= {name: np.zeros(self.model.size) for name in powers.SHARES if name in arrays}
         known = {name: (array.shape, array.dtype) for name, array in own.items()}
         given = {
             name: ((0, *array.shape[1:]) if name in memory else array.shape, array.dtype)
@@ -290,10 +300,10 @@ class ArrayWorld:
             f"the snapshot is of another world than {self.model.scenario.name!r}: {', '.join(differ) or 'rng'} "
             "differ in shape or type; restore it with the scenario and the settings that it was made with.",
         )
-        for name in state.arrays():
+        for name in own.keys() - memory.keys():
             setattr(state, name, arrays[name].copy())
         require(
-            values["state"].keys() == {f.name for f in fields(state)} - state.arrays().keys(),
+            values["state"].keys() == _plain(state).keys(),
             f"the snapshot's plain values are {sorted(values['state'])}; restore it with the version that wrote it.",
         )
         for name, value in values["state"].items():
@@ -319,6 +329,12 @@ class ArrayWorld:
         self._state = state
         self.turnover += 1
         return self._observe(np.zeros(self.model.size))
+
+
+def _plain(state: State) -> dict[str, Any]:
+    """Return the fields of a state that are no arrays; what this world does not use is None and left out."""
+    values = {f.name: getattr(state, f.name) for f in fields(state)}
+    return {name: value for name, value in values.items() if not isinstance(value, (np.ndarray, NoneType))}
 
 
 def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
@@ -357,7 +373,7 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         inside=np.zeros((n, r), bool),
         seen=np.zeros((n, r), bool),
         resource_position=resources.first_places(table, rng["motion"]),
-        stock=table.stock.copy(),
+        stock=(table.stock if model.appearing is None else model.appearing.start).copy(),
         available=resources.appear(table, np.ones(r, bool), 1, rng["availability"]),
         grown=np.zeros(r),
         eaten=np.zeros(r),
@@ -368,4 +384,5 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         lost=nothing.copy(),
         returned=0,
         closed=np.zeros(n, np.int64),
+        memory=powers.first_memory(model.scenario.memory),
     )

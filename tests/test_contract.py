@@ -5,10 +5,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from worlds import everything, kind, square
+from worlds import coming, everything, kind, square
 
 import ecology
-from ecology import Ecology, EcologyError, contract, life, resources, scenarios, senses
+from ecology import Ecology, EcologyError, appearing, contract, life, resources, scenarios, senses
 from ecology.physics import Physics
 
 AGENT_TICKS = 4000  # of each life, but at least 60 ticks
@@ -19,6 +19,8 @@ CROWDS = {
         holes=(((1.0, 5.0), (2.5, 5.0), (2.5, 6.5), (1.0, 6.5)), ((6.4, 0.6), (7.4, 1.6), (5.6, 1.5))),
         inner=(((3.6, 3.0), (3.6, 2.2)), ((0.0, 3.0), (1.5, 4.0), (2.6, 3.2)), ((5.5, 4.0), (6.5, 6.0))),
     ),
+    "things that come and go": coming(),
+    "things that come and go on a torus": coming(walls=False),
     "everything in small ticks": everything(dt=0.1),
     "everything in large ticks": everything(walls=False, dt=10.0),
 }
@@ -217,6 +219,7 @@ SABOTAGE = {
     ),
     "every account closes": lambda: (resources, "eat", less_eaten),
     "names never return": returning_names,
+    "what is gone offers nothing": lambda: (appearing, "absent", lambda model, stock: np.zeros(len(stock), bool)),
 }
 
 
@@ -225,5 +228,5 @@ def test_every_check_can_fail(holds, monkeypatch):
     """A world that is damaged in the right place breaks the check, with a reason."""
     monkeypatch.setattr(*SABOTAGE[holds]())
     with pytest.raises((EcologyError, AssertionError, UserWarning, KeyError)) as broken:
-        contract.CHECKS[holds](everything(), 80)
+        contract.CHECKS[holds](coming(), 80)
     assert str(broken.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numba
@@ -22,9 +23,11 @@ from ecology import (
     Oscillation,
     Outcome,
     Relocation,
+    Remains,
     Resource,
     Scenario,
     Season,
+    Seeding,
     Species,
     World,
     act,
@@ -189,6 +192,47 @@ def everything(
         day=40.0,
         rule=signal,
     )
+
+
+def abundance(world: World, rng: np.random.Generator) -> Outcome:
+    """Do what `signal` does; rot a patch, drop one, bear a hunter, slow and blind in turn, and keep a count of it."""
+    outcome = signal(world, rng)
+    state, count = world.state, int(world.memory["count"]) + 1
+    outcome.memory = {"count": count, "where": world.memory["where"] * 0.9 + 0.1 * state.position[0]}
+    outcome.stock = np.where(np.isfinite(state.stock), 0.01 - 0.02 * rng.random(len(state.stock)), 0.0)
+    drawn = rng.uniform(0.5, 3.4, (2, 2))
+    if count % 3 == 0:
+        outcome.patches["berries"] = np.column_stack([drawn, [0.5, 1.0]])
+    if count % 10 == 0:
+        outcome.births["hunter"] = drawn[:1]
+        outcome.parents["hunter"] = np.array([world.slots["hunter"].start])
+    share = 0.5 + 0.5 * np.cos(count / 7.0)
+    outcome.pace = np.full(len(state.alive), share)
+    outcome.sight = np.full(len(state.alive), 1.0 - 0.5 * share)
+    return outcome
+
+
+def coming(**words: Any) -> Scenario:
+    """Return the world of everything, in which things spoil, come and go too."""
+    world = everything(**words)
+    hunters, prey, ghosts = world.species
+    hunters = replace(hunters, remains=Remains(resource="carcass", needs={"meat": 0.5}))
+    prey = replace(
+        prey,
+        remains=Remains(resource="carcass", needs={"food": 1.0, "calm": 0.5}, body=0.2),
+        actions=(*prey.actions, consume("berries", {"food": 0.3}), go_to("berries", WALK)),
+        sees=(*prey.sees, "berries", "carcass"),
+    )
+    resources = (
+        *world.resources,
+        Resource(name="carcass", count=6, stock=0.0, capacity=1.5, decay=0.05, gone_below=0.1),
+        Resource(name="berries", count=8, radius=0.5, stock=1.0, decay=0.02, gone_below=0.05, present=3,
+                 growth=Growth(rate=0.01), seeding=Seeding(rate=0.02, offspring=0.02)),
+    )  # fmt: skip
+    return replace(
+        world, name="coming", species=(hunters, prey, ghosts), resources=resources, rule=abundance,
+        memory={"count": 0, "where": (0.0, 0.0)},
+    )  # fmt: skip
 
 
 def from_python(kernel: Any) -> Callable[..., Any]:

@@ -243,7 +243,7 @@ class Drawing:
         radii = np.array([r.radius for r in resources], np.float32)
         place = np.stack([s["resources"] for s in samples])  # (n, R, 2)
         before = np.concatenate([place[:1] if self._resources is None else self._resources[None], place[:-1]])
-        moved = np.flatnonzero((place != before).any(axis=(1, 2)))
+        moved = np.flatnonzero(~((place == before) | (np.isnan(place) & np.isnan(before))).all(axis=(1, 2)))
         if self._resources is None:
             moved = np.union1d([0], moved)
             thin = rr.Radius.ui_points(1.0 if len(resources) > len(shades) else 1.5)

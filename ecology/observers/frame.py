@@ -45,7 +45,7 @@ def frame(scenario: Scenario, state: State) -> Frame:
         position=np.where(alive[:, None], state.position, np.nan),
         heading=state.heading,
         drive=state.drive,
-        patches=state.resource_position,
+        patches=shapes.patches(scenario, state),
         full=shapes.fullness(scenario, state),
         marks=marks,
     )

@@ -351,7 +351,7 @@ class RerunObserver:
             "serial": state.serial.astype(np.int32),
             "action": np.where(acted, state.action, DEAD).astype(np.uint8),
             "steps": np.stack(self._steps),  # (ticks since the last sample, k, 2)
-            "resources": state.resource_position.astype(np.float32),
+            "resources": shapes.patches(scene.scenario, state).astype(np.float32),
             "stock": shapes.fullness(scene.scenario, state).astype(np.float32),
             "told": told,
             "happened": self._happened,

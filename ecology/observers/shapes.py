@@ -32,6 +32,13 @@ def fullness(scenario: Scenario, state: State) -> Floats:
     return np.clip(full, 0.0, 1.0) * state.available
 
 
+def patches(scenario: Scenario, state: State) -> Floats:
+    """Return where the patches are, (R, 2); NaN where one is gone, which is not drawn."""
+    comes = np.array([r.gone_below is not None for r in scenario.resources for _ in range(r.count)], bool)
+    gone = comes & (state.stock <= 0)
+    return np.where(gone[:, None], np.nan, state.resource_position) if gone.any() else state.resource_position
+
+
 def view_field(species: Species, place: Floats, heading: float) -> Floats:
     """Return the outline of a view field, (k, 2); nothing where its range has no end."""
     if not math.isfinite(species.view_range):

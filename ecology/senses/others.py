@@ -54,7 +54,7 @@ class Others(Sense):
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write what is sensed of the nearest; the farthest distance and 0 where there is nobody."""
-        eyes, pairs, sensed = model.eyes, seen.pairs, self._sensed
+        eyes, pairs, sensed = seen.eyes, seen.pairs, self._sensed
         assert pairs is not None
         found, way = nearest_seen(
             pairs.starts, pairs.other, pairs.gap, pairs.distance, self._rows.start, len(zeta), sensed.count,
