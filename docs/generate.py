@@ -114,7 +114,7 @@ def fields_of(cls: type) -> list[Field]:
     for line in getattr(node, "body", []):
         if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
             default = "" if line.value is None else ast.unparse(line.value)
-            default = {"field(default_factory=dict)": "{}"}.get(default, default)
+            default = {"field(default_factory=dict)": "{}", "_field(default_factory=dict)": "{}"}.get(default, default)
             found.append(Field(line.target.id, ast.unparse(line.annotation), default, comments.get(line.lineno, "")))
     return found
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, fields
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError
 from ecology.ground import plane
@@ -144,8 +144,10 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
-    if state.pace is not None:
-        slow(model, state, speed, state.pace)
+    mud = model.fields is not None and model.fields.slows
+    if mud or state.pace is not None:
+        pace = np.ones(n) if state.pace is None else state.pace
+        slow(model, state, speed, pace * fields.share(model, state, "slowing") if mud else pace)
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
 

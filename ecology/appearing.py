@@ -98,7 +98,7 @@ def absent(model: Model, stock: Floats) -> Bools:
 
 
 def renew(model: Model, state: State, died: Bools, met: Met, rng: Mapping[str, np.random.Generator]) -> None:
-    """Let stocks spoil and patches go, and new ones appear: what the dead leave, the rule's, and seeds, in this order."""
+    """Let stocks spoil and patches go, and new ones appear: what the dead leave, the rule's, and seeds."""
     table, outcome = model.appearing, met.outcome
     if outcome is not None and outcome.stock is not None:
         state.own("stock", "grown")

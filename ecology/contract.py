@@ -317,9 +317,8 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
     if scenario.rule is not None:  # a rule may put a body behind a wall, so ways are looked at without it
         bodies_stay_inside(dataclasses.replace(scenario, rule=None, memory={}), ticks)
     env = Ecology(scenario)
-    ground = env.world.model.ground
     (left, bottom), (right, top) = scenario.arena.extent
-    came_from = np.empty((env.size, 2))
+    came_from, ground = np.empty((env.size, 2)), env.world.model.ground
     for before, _, tick in _lives(env, 9, ticks):
         places = env.state_view.position
         if not ground.torus:
@@ -329,6 +328,7 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
                     f"tick {env.state_view.tick}: {env.name_of(slot)} goes through a wall, from "
                     f"{came_from[slot].tolist()} to {places[slot].tolist()}."
                 )
+            ground = env.world.model.ground  # doors may have moved after the bodies
             came_from = places.copy()
             inside = ground.inside(places)
         else:

@@ -339,7 +339,7 @@ class Ecology(ParallelEnv):
 
         if self._picture is None:
             self._picture = Picture(self.scenario)
-        return self._picture.draw(frame(self.scenario, self.world.state.readonly()))
+        return self._picture.draw(frame(self.scenario, self.world.state.readonly(), self.world.model))
 
     def close(self) -> None:
         """Nothing to release."""

@@ -40,6 +40,7 @@ class Outcome:
     parents: dict[str, Ints] = field(default_factory=dict)  # species -> (k,) slot of each newborn's parent, -1 without
     pace: Floats | None = None  # (N,) share of its speed at which a body moves in the next tick, from 0 to 1; None: all
     sight: Floats | None = None  # (N,) share of its view range that it sees until the next tick, from 0 to 1; None: all
+    doors: dict[str, bool] = field(default_factory=dict)  # name -> whether it is to be open after this tick
     memory: dict[str, Any] = field(default_factory=dict)  # name -> what the rule remembers of it from now on
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -69,6 +70,7 @@ class World:
     arena: Arena | None = None
     ground: Ground | None = None  # of the arena, once compiled
     memory: Mapping[str, np.ndarray] = field(default_factory=dict)  # the rule's own state: `Scenario.memory`, as it is
+    doors: Mapping[str, bool] = field(default_factory=dict)  # by name, whether it is open
 
     def resource(self, name: str) -> slice:
         """Return the rows of the patches of a resource in `state.stock`, `state.resource_position` and the like."""
@@ -258,6 +260,9 @@ def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) 
         state.readonly(), model.dt, {g.name: g.slots for g in groups}, model.needs,
         {g.name: g.actions for g in groups}, model.patches, model.scenario.arena, model.ground,
         powers.recall(model.memory, state.memory),
+        {} if state.doors is None else dict(
+            zip([d.name for d in model.scenario.arena.doors], state.doors.tolist(), strict=True)
+        ),
     )  # fmt: skip
     outcome = checked(rule(world, rng), model.scenario, world)
     living = state.alive[:, None]

@@ -11,8 +11,10 @@ import numpy as np
 from ecology import empathy, physiology, resources, senses
 from ecology.actions import ActionTable, compile_actions
 from ecology.appearing import Appearing, compile_appearing
+from ecology.doors import Doors
 from ecology.empathy import Coupling
 from ecology.errors import EcologyError, nearest
+from ecology.fields import Fields, compile_fields
 from ecology.ground import Ground, Plane, ground_of
 from ecology.physiology import Body
 from ecology.powers import Slot, compile_memory
@@ -78,6 +80,8 @@ class Model:
     grows: bool  # whether anyone can be born
     appearing: Appearing | None  # patches that spoil, come and go
     memory: Mapping[str, Slot]  # where the rule finds its own state, by name
+    fields: Fields | None
+    doors: Doors | None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Return this model: it never changes, so copies of a world share it."""
@@ -136,7 +140,7 @@ def compile_model(scenario: Scenario) -> Model:
     blocks = _blocks(counts)
     tables = tuple(compile_actions(s, scenario.resources, species) for s in species)
     gazes = tuple(
-        senses.compile_gaze(s, rows, arena, scenario.resources, species)
+        senses.compile_gaze(s, rows, arena, scenario.resources, species, scenario.fields)
         for s, rows in zip(species, blocks, strict=True)
     )
     body = physiology.compile_bodies(species, width)
@@ -189,6 +193,8 @@ def compile_model(scenario: Scenario) -> Model:
         grows=any(s.grows for s in species),
         appearing=compile_appearing(scenario, patches, {g.name: g.slots for g in groups.values()}, width),
         memory=compile_memory(scenario.memory),
+        fields=compile_fields(scenario.fields, species, ground, patches, {g.name: g.slots for g in groups.values()}),
+        doors=Doors(arena.doors) if arena.doors else None,
     )
 
 

@@ -1,6 +1,6 @@
 """What a scenario's own rule may do beyond needs, deaths and places: checks of its outcome, and its own memory.
 
-The memory is one array of the state, the values one name after the other, so that checkpoints, copies and forks have it.
+The memory is one array of the state, one name after the other, so that checkpoints, copies and forks have it.
 """
 
 from __future__ import annotations
@@ -103,12 +103,17 @@ def check(outcome: Outcome, scenario: Scenario, world: World, owner: str) -> Non
         ):  # fmt: skip
             within = "finite numbers" if low < 0 else f"numbers from {low:g} to {high:g}"
             raise EcologyError(f"{owner}: {word} must be an array of {within} of shape {like.shape}, got {value!r}.")
-    for word in ("patches", "births", "parents", "memory"):
+    for word in ("patches", "births", "parents", "memory", "doors"):
         value = getattr(outcome, word)
         if not isinstance(value, dict):
             raise EcologyError(f"{owner}: {word} must be a dict by name, got {value!r}.")
     _check_patches(outcome, scenario, world, owner)
     _check_births(outcome, scenario, world, owner)
+    for name, opens in outcome.doors.items():
+        if name not in world.doors:
+            raise EcologyError(f"{owner}: doors names the door {name!r}. {nearest(str(name), world.doors)}")
+        if not isinstance(opens, (bool, np.bool_)):
+            raise EcologyError(f"{owner}: the door {name!r} is to be open, True, or closed, False, got {opens!r}.")
     for name, value in outcome.memory.items():
         if name not in world.memory:
             raise EcologyError(
@@ -166,5 +171,5 @@ def _check_births(outcome: Outcome, scenario: Scenario, world: World, owner: str
         good = isinstance(parents, np.ndarray) and parents.dtype.kind in "iu" and parents.shape == (count,)
         if not good or ((parents < -1) | (parents >= slots)).any():
             raise EcologyError(
-                f"{owner}: parents of {name!r} must be {count} slots, one for each of its births, or -1, got {parents!r}."
+                f"{owner}: parents of {name!r} must be {count} slots, one for each birth, or -1, got {parents!r}."
             )

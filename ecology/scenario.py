@@ -15,7 +15,19 @@ from ecology.meetings import Rule
 from ecology.powers import check_memory
 from ecology.resources import consumers, too_far
 from ecology.senses import SENSES, layout
-from ecology.spec import Action, Arena, Drift, Oscillation, Relocation, Remains, Resource, Species, require
+from ecology.spec import (
+    Action,
+    Arena,
+    Drift,
+    Field,
+    Gauge,
+    Oscillation,
+    Relocation,
+    Remains,
+    Resource,
+    Species,
+    require,
+)
 from ecology.state import State
 
 SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
@@ -30,6 +42,7 @@ class Scenario:
     arena: Arena
     species: tuple[Species, ...]
     resources: tuple[Resource, ...] = ()
+    fields: tuple[Field, ...] = ()  # over the plane
     dt: float = 1.0  # length of a tick, in units of time
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
@@ -54,6 +67,7 @@ class Scenario:
         for what, names in (
             ("species", [species.name for species in self.species]),
             ("resource", [resource.name for resource in self.resources]),
+            ("field", [each.name for each in self.fields]),
         ):
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, f"{owner}: every {what} needs a name of its own, {twice} appear twice.")
@@ -64,6 +78,7 @@ class Scenario:
         )
         check_memory(owner, self.memory, self.rule is not None)
         require("" not in self.measures, f"{owner}: a measure needs a name, got '' in {sorted(self.measures)}.")
+        self._check_fields()
         for species in self.species:
             self._check_needs_named(species)
             self._check_others(species)
@@ -147,6 +162,27 @@ class Scenario:
                     "its circle or make the body smaller.",
                 )
 
+    def _check_fields(self) -> None:
+        """Check what is said of fields: that they and their sources are there."""
+        known = [each.name for each in self.fields]
+        givers = [*(r.name for r in self.resources), *(s.name for s in self.species)]
+        for each in self.fields:
+            for name in each.sources:
+                require(
+                    name in givers,
+                    f"field {each.name!r}: its sources name {name!r}, which is neither a resource nor a species. "
+                    f"{nearest(name, givers)}",
+                )
+        for species in self.species:
+            mentions = [("an exposure", e.field) for e in species.exposures]
+            mentions += [("a gauge", sense.field) for sense in species.senses if isinstance(sense, Gauge)]
+            for word, name in mentions:
+                require(
+                    name in known,
+                    f"species {species.name!r}: {word} names the field {name!r}. "
+                    + (nearest(name, known) if known else "The scenario has no fields; give Scenario(fields=...)."),
+                )
+
     def _check_species(self, species: Species) -> None:
         owner = f"species {species.name!r}"
         resources = [resource.name for resource in self.resources]
@@ -170,6 +206,8 @@ class Scenario:
                 "stock unlimited.",
             )
         for sense in species.senses:
+            if not isinstance(sense, str):
+                continue
             if sense not in SENSES:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
             SENSES[sense].check(owner, self.day)
@@ -184,7 +222,7 @@ class Scenario:
                 f"{owner}: {need.name!r} falls by {fastest:g} of itself per unit of time, which a tick of {self.dt!r} "
                 f"cannot follow; dt must be at most {1 / max(fastest, 1e-300):g}.",
             )
-        components = layout(species, self.arena, self.resources, self.species).names
+        components = layout(species, self.arena, self.resources, self.species, self.fields).names
         twice = sorted({name for name in components if components.count(name) > 1})
         require(
             not twice,
@@ -199,6 +237,7 @@ class Scenario:
             ("collapse", species.collapse, species),
             ("opens", species.opens, species),
         ]
+        mentions += [("an exposure's control", e.control, species) for e in species.exposures]
         if species.crowding is not None:
             mentions.append(("crowding", species.crowding.control, species))
         if species.birth is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, fields
 from ecology.compiler_cache import compiled, use_cache, within
 from ecology.elementary import angle_of, cosine_and_sine
 from ecology.ground import Ground, plane, walls
@@ -59,8 +59,13 @@ def compile_eyes(species: tuple[Species, ...], ground: Ground, resources: tuple[
 
 
 def eyes_now(model: Model, state: State) -> Eyes:
-    """Return the eyes of the bodies as they are now: the rule may shorten how far they see."""
-    return model.eyes if state.sight is None else replace(model.eyes, range=model.eyes.range * state.sight)
+    """Return the eyes of the bodies as they are now: fields and the rule may shorten how far they see."""
+    dims = model.fields is not None and model.fields.dims
+    if state.sight is None and not dims:
+        return model.eyes
+    share = fields.share(model, state, "dimming") if dims else np.ones(model.size)
+    far = np.minimum(model.eyes.range, model.plane.diagonal)  # of what has no end a share has none either
+    return replace(model.eyes, range=far * (share if state.sight is None else share * state.sight))
 
 
 def find_patches(model: Model, state: State, eyes: Eyes, offered: Bools) -> tuple[Bools, Bools, Ints, Ints, Ints]:

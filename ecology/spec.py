@@ -7,8 +7,9 @@ Each word checks itself; `scenario.Scenario` checks that the words fit together.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from dataclasses import field as _field  # where a field of a word is called so
 from typing import Literal
 
 from ecology import typed
@@ -337,8 +338,8 @@ Motion = Oscillation | Drift | Relocation
 class Seeding:
     """Patches that appear by chance where patches of the resource are gone, each with its stock at the start.
 
-    `rate` brings them anywhere in the arena, `offspring` beside patches that are there: uniform over a circle of `reach`
-    around each; those that would land behind a wall are lost. With all patches there, nothing appears.
+    `rate` brings them anywhere in the arena, `offspring` beside patches that are there: uniform over a circle of
+    `reach` around each; those that would land behind a wall are lost. With all patches there, nothing appears.
     """
 
     rate: float = 0.0  # anywhere, per unit of time
@@ -365,8 +366,9 @@ class Resource:
     own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen
     from where there is none.
 
-    With `gone_below`, patches come and go: one whose stock is no more than that is gone, what was left of it is spoiled,
-    and its place is free for the next one that `seeding`, the `Remains` of a body or the scenario's rule brings.
+    With `gone_below`, patches come and go: one whose stock is no more than that is gone, what was left of it is
+    spoiled, and its place is free for the next one that `seeding`, the `Remains` of a body or the scenario's rule
+    brings.
     """
 
     name: str
@@ -480,6 +482,155 @@ class Resource:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Door:
+    """An inner wall that opens and closes: by time, or as the scenario's rule says (`outcome.doors[name] = True`).
+
+    With a period it is open in the first `open_for` of each. While a body stands in its way it does not close. Open, it
+    is no wall at all; closed, it may part the arena.
+    """
+
+    name: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+    open: bool = False  # at the start, without a period
+    period: float | None = None  # units of time; None: it stays as it is until the rule moves it
+    open_for: float = 0.5  # share of the period, from 0 to 1
+    phase: float = 0.0  # share of the period that has passed at time 0
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"door {self.name!r}"
+        _words(owner, self.name)
+        for word, place in (("start", self.start), ("end", self.end)):
+            require(len(place) == 2, f"{owner}: {word} is (x, y), got {place!r}.")
+            _finite(owner, x=place[0], y=place[1])
+        require(
+            tuple(self.start) != tuple(self.end), f"{owner}: it starts and ends at {self.start!r}; give it a width."
+        )
+        _finite(owner, open_for=self.open_for, phase=self.phase)
+        require(0 <= self.open_for <= 1, f"{owner}: open_for is a share from 0 to 1, got {self.open_for!r}.")
+        require(
+            self.period is None or 1e-9 <= self.period < math.inf,
+            f"{owner}: period must be positive, at least 1e-9, got {self.period!r}.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """A quantity over the plane, such as temperature, light, odour, danger or mud.
+
+    `values` are a function of x, y (arrays of n places) and the time, which returns n numbers; a number, the same
+    everywhere; or a grid over the arena's extent, rows from low y to high, each from low x to high, linear between the
+    centres of its cells. What is sensed and acts is kept within `low` and `high`.
+
+    A grid or a number with diffusion, decay or sources changes: dF/dt = diffusion laplace(F) - decay F + sources.
+    Nothing flows through walls. What a source gives is spread over the area of its cell, so that the integral of F over
+    the arena grows by as much.
+    """
+
+    name: str
+    values: Callable[..., object] | tuple[tuple[float, ...], ...] | float = 0.0
+    low: float = -math.inf
+    high: float = math.inf
+    scale: float = 1.0  # size of an ordinary value, for learners
+    diffusion: float = 0.0  # area per unit of time
+    decay: float = 0.0  # share per unit of time
+    sources: Mapping[str, float] = field(default_factory=dict)  # resource or species -> given by each per unit of time
+    cells: int = 32  # of a number that changes: cells along the arena's longer side
+
+    def __post_init__(self) -> None:
+        if hasattr(self.values, "tolist"):  # an array
+            object.__setattr__(self, "values", self.values.tolist())
+        if isinstance(self.values, (list, tuple)):
+            rows = tuple(tuple(row) if isinstance(row, (list, tuple)) else row for row in self.values)
+            object.__setattr__(self, "values", rows)
+        typed.check(self)
+        owner = f"field {self.name!r}"
+        _words(owner, self.name)
+        _finite(owner, scale=self.scale, diffusion=self.diffusion, decay=self.decay)
+        require(self.scale > 0, f"{owner}: scale must be positive, got {self.scale!r}.")
+        require(self.low < self.high, f"{owner}: low must lie below high, got {self.low!r} and {self.high!r}.")
+        for word, value in (("diffusion", self.diffusion), ("decay", self.decay)):
+            require(value >= 0, f"{owner}: {word} must not be negative, got {value!r}.")
+        _finite(owner, **self.sources)
+        require(1 <= self.cells <= 1000, f"{owner}: cells is a whole number from 1 to 1000, got {self.cells!r}.")
+        require(
+            not (callable(self.values) and self.changes),
+            f"{owner}: a function says what the field is at every time, so it has no diffusion, decay or sources; give "
+            "a grid or a number for the start, or leave these out.",
+        )
+        if isinstance(self.values, tuple):
+            widths = {len(row) for row in self.values}
+            require(
+                len(widths) == 1 and 0 not in widths,
+                f"{owner}: the rows of a grid are equally long, and none is empty, got lengths {sorted(widths)}.",
+            )
+            for row in self.values:
+                _finite(owner, **{f"values[...][{i}]": value for i, value in enumerate(row)})
+        elif not callable(self.values):
+            _finite(owner, values=self.values)
+
+    def __reduce__(self) -> tuple[Callable[..., Field], tuple[bytes]]:
+        """Pickle a function by value, as `Scenario` does: no other process has loaded the file that it stands in."""
+        import cloudpickle  # needed by those who pickle only
+
+        return _unpickled_field, (cloudpickle.dumps(self.__dict__),)
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Field:
+        """Return this field, which never changes."""
+        return self
+
+    @property
+    def changes(self) -> bool:
+        """Return whether it changes by its own dynamics."""
+        return bool(self.diffusion or self.decay or self.sources)
+
+
+def _unpickled_field(pickled: bytes) -> Field:
+    import cloudpickle
+
+    found = object.__new__(Field)
+    found.__dict__.update(cloudpickle.loads(pickled))
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure:
+    """What a field does to bodies of a species where they are, by how far its value is from a reference."""
+
+    field: str
+    reference: float = 0.0  # value at which it does nothing
+    control: Mapping[str, float] = _field(default_factory=dict)  # need -> change per unit of the field and of time
+    slowing: float = 0.0  # share of its speed that a body loses per unit of the field
+    dimming: float = 0.0  # share of its view range that a body loses per unit of the field
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _finite("Exposure", reference=self.reference, slowing=self.slowing, dimming=self.dimming)
+        _finite("Exposure", **self.control)
+        require(
+            bool(self.control or self.slowing or self.dimming),
+            f"Exposure: the field {self.field!r} does nothing; give control, slowing or dimming.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gauge:
+    """The sense of a field where one is: its value, and its gradient along one's heading and to the left of it."""
+
+    field: str
+    value: bool = True
+    gradient: bool = False
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        require(
+            self.value or self.gradient,
+            f"Gauge: nothing of the field {self.field!r} is sensed; give value or gradient.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Arena:
     """A closed polygon whose edges are walls, with holes and inner walls in it.
 
@@ -493,6 +644,7 @@ class Arena:
     vertices: tuple[tuple[float, float], ...]  # of the outer walls, once around
     walls: bool | tuple[tuple[tuple[float, float], ...], ...] = True  # inner walls, each a polyline; False: a torus
     holes: tuple[tuple[tuple[float, float], ...], ...] = ()  # polygons, each the vertices once around
+    doors: tuple[Door, ...] = ()  # inner walls that open and close
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -668,12 +820,13 @@ class Species:
     solid: bool = True  # whether the bodies of others are in its way
     view_angle: float = 2 * math.pi  # of the view field, radians
     view_range: float = math.inf  # of the view field, length
-    senses: tuple[str, ...] = ("position", "heading")  # e, after the deviations in zeta
+    senses: tuple[str | Gauge, ...] = ("position", "heading")  # e, after the deviations in zeta
     sees: tuple[str, ...] = ()  # resources: distance, bearing and fullness of the nearest patch that is seen
     neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
     opens: tuple[str, ...] = ()  # needs whose deviations others can sense
     empathy: Empathy | None = None
     crowding: Crowding | None = None
+    exposures: tuple[Exposure, ...] = ()  # what fields do to it
     position: tuple[float, float] | None = None  # at birth; anywhere in the arena when None
     heading: float | None = None  # at birth, radians; any when None
     collapse: Mapping[str, float] = field(default_factory=dict)  # at these thresholds sleep is the only action left

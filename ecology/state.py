@@ -66,6 +66,8 @@ class State:
     # there only in worlds that use them, else None
     memory: Floats | None = None  # (M,) the own state of the scenario's rule, one name after the other
     pace: Floats | None = None  # (N,) share of its speed at which the rule lets a body move in the next tick
+    grid: Floats | None = None  # (M,) the fields that change, a value per cell, one field after the other
+    doors: Bools | None = None  # (D,) open
     sight: Floats | None = None  # (N,) share of its view range that the rule lets it see
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from types import NoneType
 from typing import Any
 
@@ -13,7 +14,9 @@ from ecology import (
     actions,
     appearing,
     changes,
+    doors,
     empathy,
+    fields,
     life,
     meetings,
     neighbours,
@@ -82,11 +85,12 @@ class ArrayWorld:
 
     def reset(self, seed: int) -> Tick:
         """Start from `seed` and return the first observations."""
-        model = self.model
+        self.model = model = doors.fit(self.model)
         self.seed, self.reweighed = seed, {}
         streams = np.random.SeedSequence(seed).spawn(len(CONCERNS))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
         self._state = state = _first_state(model, self._rng)
+        self.model = model = doors.fit(model, state.doors)
         self.turnover += 1
         self.lesion_order = self._rng["lesion"].permutation(model.size)  # of the shuffled lesion
         self._touch(state)
@@ -111,6 +115,8 @@ class ArrayWorld:
         ingested, eaten = resources.eat(model, state, seen, deeds.control)
         # meetings: bites, gifts, crowding, the scenario's own rule
         met = meetings.meet(model, state, seen, deeds.control, rng)
+        if model.fields is not None:
+            fields.expose(model, state, deeds.control)
         # physiology: bodies drift, act and are disturbed
         internal = physiology.advance(
             model.body, state.internal, deeds.control, state.time, state.age, model.dt, rng["noise"]
@@ -125,9 +131,12 @@ class ArrayWorld:
         resources.renew(model, state, eaten, rng)
         if model.appearing is not None or met.outcome is not None:
             appearing.renew(model, state, died, met, rng)
+        fields.advance(model, state)
         # time
         state.tick += 1
         state.time = state.tick * model.dt
+        if doors.turn(model, state, met.outcome):
+            self._fit(state)
         # senses and observation
         self.perception = self._perceive(state, seen.pairs)
         self._state = state
@@ -183,6 +192,11 @@ class ArrayWorld:
             action=state.action.copy(),
         )
 
+    def _fit(self, state: State) -> None:
+        """Take the walls that go with the doors of `state`, and a solver that knows them."""
+        self.model = doors.fit(self.model, state.doors)
+        self._touch(state)
+
     def _touch(self, state: State) -> None:
         """Build the solver for the bodies where they are."""
         model = self.model
@@ -228,7 +242,9 @@ class ArrayWorld:
             setattr(state, name, value)
         state.next_serial = max(state.next_serial, int(state.serial.max(initial=-1)) + 1)
         state.position = model.plane.home(state.position)
-        if values.keys() & {"position", "alive"}:  # the solver remembers contacts of another place
+        if "doors" in values:
+            self._fit(state)
+        elif values.keys() & {"position", "alive"}:  # the solver remembers contacts of another place
             self._touch(state)
         return self._resume(state)
 
@@ -311,6 +327,9 @@ class ArrayWorld:
         changes.check_snapshot(state, {name: arrays[name] for name in memory}, self.model)
         for name, stream in values["rng"].items():
             fresh._rng[name].bit_generator.state = stream
+        if state.doors is not None:
+            fresh._fit(state)
+            self.model = fresh.model
         fresh._physics.remember(arrays, self.model.dt)
         self.reweighed = dict(values.get("reweighed", {}))
         self.seed, self._rng, self.lesion_order, self._physics = (
@@ -333,7 +352,7 @@ class ArrayWorld:
 
 def _plain(state: State) -> dict[str, Any]:
     """Return the fields of a state that are no arrays; what this world does not use is None and left out."""
-    values = {f.name: getattr(state, f.name) for f in fields(state)}
+    values = {f.name: getattr(state, f.name) for f in dataclasses.fields(state)}
     return {name: value for name, value in values.items() if not isinstance(value, (np.ndarray, NoneType))}
 
 
@@ -385,4 +404,6 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         returned=0,
         closed=np.zeros(n, np.int64),
         memory=powers.first_memory(model.scenario.memory),
+        grid=fields.first_grid(model.fields),
+        doors=doors.first_doors(model.scenario.arena),
     )

@@ -9,7 +9,20 @@ from __future__ import annotations
 import math
 
 from ecology import (
-    Arena, Birth, Growth, Hazard, Need, Remains, Resource, Scenario, Species, consume, go_to, move, rest, turn,
+    Arena,
+    Birth,
+    Growth,
+    Hazard,
+    Need,
+    Remains,
+    Resource,
+    Scenario,
+    Species,
+    consume,
+    go_to,
+    move,
+    rest,
+    turn,
 )  # fmt: skip
 
 WALK, TURN = 0.12, math.pi / 2  # length and radians per unit of time
@@ -24,7 +37,8 @@ def _eats(name: str, food: str, count: int, decay: float, sight: float, **words:
             consume(food, {"energy": 0.05}, closes_at={"energy": 1.2}), go_to(food, WALK), move("walk", WALK),
             turn("turn_left", TURN), turn("turn_right", -TURN), rest(),
         ),
-        count=count, capacity=3 * count, solid=False, view_range=sight, senses=(), sees=(food,), learner="lean", **words,
+        count=count, capacity=3 * count, solid=False, view_range=sight, senses=(), sees=(food,), learner="lean",
+        **words,
     )  # fmt: skip
 
 

@@ -109,7 +109,7 @@ def killer(world, rng):
     ],
 )
 def test_a_body_leaves_what_it_stored(remains, capacity, stock):
-    """Its patch lies where it died and holds the shares of its stores, which are taken out of it, up to the capacity."""
+    """Its patch lies where it died and holds the shares of its stores, which leave it, up to the capacity."""
     carcass = Resource(name="carcass", count=2, stock=0.0, capacity=capacity, gone_below=0.0)
     species = mortal(position=(3.0, 2.0), remains=Remains(resource="carcass", **remains))
     env = start(square(species, resources=(carcass,), rule=killer))
@@ -316,14 +316,15 @@ def test_what_a_rule_cannot_do_is_told(what):
 MISTAKES = {
     "decay of the unlimited": (lambda: Resource(name="a", decay=0.1), ["spoils", "inf"]),
     "gone though unlimited": (lambda: Resource(name="a", gone_below=0.1), ["finite stock", "inf"]),
-    "present without gone_below": (lambda: Resource(name="a", count=3, stock=1.0, present=1), ["present", "gone_below"]),
+    "present without gone_below": (lambda: berries(present=1, gone_below=None), ["present", "gone_below"]),
     "more present than there are": (lambda: berries(present=5), ["present", "5", "4"]),
     "seeds of nothing": (lambda: berries(stock=0.0, capacity=1.0, seeding=Seeding(rate=0.1)), ["seeding", "0.0"]),
     "seeding without a rate": (lambda: Seeding(), ["positive", "0.0"]),
     "remains of nothing": (lambda: Remains(resource="a"), ["nothing is left"]),
     "a share above 1": (lambda: Remains(resource="a", needs={"fat": 2.0}), ["'fat'", "2.0"]),
     "remains of an unknown resource": (
-        lambda: square(mortal(remains=Remains(resource="bery", body=1.0)), resources=(berries(),)), ["'bery'", "berries"],
+        lambda: square(mortal(remains=Remains(resource="bery", body=1.0)), resources=(berries(),)),
+        ["'bery'", "berries"],
     ),
     "remains that stay": (
         lambda: square(mortal(remains=Remains(resource="a", body=1.0)), resources=(Resource(name="a", stock=1.0),)),

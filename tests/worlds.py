@@ -13,9 +13,13 @@ from ecology import (
     Arena,
     Birth,
     Crowding,
+    Door,
     Drift,
     Ecology,
     Empathy,
+    Exposure,
+    Field,
+    Gauge,
     Growth,
     Hazard,
     Need,
@@ -208,8 +212,14 @@ def abundance(world: World, rng: np.random.Generator) -> Outcome:
         outcome.parents["hunter"] = np.array([world.slots["hunter"].start])
     share = 0.5 + 0.5 * np.cos(count / 7.0)
     outcome.pace = np.full(len(state.alive), share)
+    if world.doors:
+        outcome.doors["hatch"] = count % 15 < 9
     outcome.sight = np.full(len(state.alive), 1.0 - 0.5 * share)
     return outcome
+
+
+def _warm(x: np.ndarray, y: np.ndarray, time: float) -> np.ndarray:
+    return 10.0 + x + 3.0 * np.sin(time / 9.0)
 
 
 def coming(**words: Any) -> Scenario:
@@ -229,9 +239,30 @@ def coming(**words: Any) -> Scenario:
         Resource(name="berries", count=8, radius=0.5, stock=1.0, decay=0.02, gone_below=0.05, present=3,
                  growth=Growth(rate=0.01), seeding=Seeding(rate=0.02, offspring=0.02)),
     )  # fmt: skip
+    fields = (
+        Field(name="warmth", values=_warm, low=0.0, high=30.0, scale=10.0),
+        Field(name="smell", diffusion=0.05, decay=0.02, sources={"hunter": 0.2, "carcass": 0.1}, cells=12),
+        Field(name="mud", values=((0.0, 0.5), (1.0, 0.2))),
+    )
+    hunters = replace(hunters, senses=(*hunters.senses, Gauge(field="smell", gradient=True)))
+    prey = replace(
+        prey,
+        senses=(*prey.senses, Gauge(field="warmth"), Gauge(field="smell", value=False, gradient=True)),
+        exposures=(
+            Exposure(field="warmth", reference=12.0, control={"calm": -0.001}),
+            Exposure(field="mud", slowing=0.7, dimming=0.5),
+        ),
+    )
+    arena = world.arena
+    if not arena.torus:
+        doors = (
+            Door(name="gate", start=(3.6, 3.0), end=(3.6, 0.0), period=20.0),
+            Door(name="hatch", start=(4.4, 3.0), end=(8.0, 3.0)),
+        )
+        arena = replace(arena, doors=doors)
     return replace(
-        world, name="coming", species=(hunters, prey, ghosts), resources=resources, rule=abundance,
-        memory={"count": 0, "where": (0.0, 0.0)},
+        world, arena=arena, fields=fields, name="coming", species=(hunters, prey, ghosts), resources=resources,
+        rule=abundance, memory={"count": 0, "where": (0.0, 0.0)},
     )  # fmt: skip
 
 

@@ -64,8 +64,11 @@ def rings_of(arena: Arena) -> list[Floats]:
     if not arena.holes and not arena.inner_walls:
         return [_turned(np.array(arena.vertices, dtype=float), left=True)]
     polygon = polygon_of(arena)
-    rings = [np.array(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-    return [_turned(ring, left=i == 0) for i, ring in enumerate(rings)]
+    found = []
+    for part in getattr(polygon, "geoms", [polygon]):  # several where closed doors part it
+        rings = [np.array(ring.coords)[:-1] for ring in (part.exterior, *part.interiors)]
+        found += [_turned(ring, left=i == 0) for i, ring in enumerate(rings)]
+    return found
 
 
 def _turned(corners: Floats, left: bool) -> Floats:
@@ -119,8 +122,13 @@ def check_outline(arena: Arena) -> None:
         not arena.torus or not arena.holes,
         f"arena: a torus has no holes, got {len(arena.holes)}; leave out walls=False, or the holes.",
     )
+    require(
+        not arena.torus or not arena.doors,
+        f"arena: a torus has no doors, got {len(arena.doors)}; leave out walls=False, or the doors.",
+    )
     if arena.holes or arena.inner_walls:
         _check_inner(arena, ring)
+    _check_doors(arena, ring)
 
 
 def _check_points(owner: str, what: str, points: Points, least: int) -> None:
@@ -184,6 +192,23 @@ def _check_inner(arena: Arena, ring: shapely.Polygon) -> None:
             f"arena: holes and walls cut it into {len(found) + 1} parts, and no body can leave its part: "
             f"{_told(found)} cut off. Leave a gap."
         )
+
+
+def _check_doors(arena: Arena, ring: shapely.Polygon) -> None:
+    """Raise EcologyError unless the doors lie within the outer walls, each with a name of its own."""
+    import shapely
+
+    names = [door.name for door in arena.doors]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    require(not twice, f"arena: every door needs a name of its own, {twice} appear twice.")
+    room = ring.buffer(_thickness(arena.vertices))
+    for door in arena.doors:
+        line = shapely.LineString([door.start, door.end])
+        if not room.covers(line):
+            raise EcologyError(
+                f"arena: the door {door.name!r} reaches beyond the outer walls, at {_outermost(line, ring)}; end it on "
+                "a wall."
+            )
 
 
 def _outermost(shape: Any, ring: Any) -> tuple[float, float]:

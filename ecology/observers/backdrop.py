@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from ecology.ground.outline import drawn_lines
-from ecology.observers import colours, maps
+from ecology.observers import colours, maps, places
 from ecology.observers.scene import (
     BACKGROUND,
     DRIVE_SCALE,
@@ -63,17 +63,20 @@ def _draw_arena(rec: rr.RecordingStream, scene: Scene) -> None:
     floor = np.where(fine.inside[..., None], FLOOR, BACKGROUND).astype(np.uint8)
     _lay(rec, "world/floor", fine.corner, (fine.cell, fine.cell))
     rec.log("world/floor", rr.Image(floor, draw_order=-30), static=True)
+    rough = places.grid_of(arena)
+    for each in scene.scenario.fields:
+        _lay(rec, f"world/fields/{each.name}", rough.corner, (rough.cell, rough.cell))
     # axes: a number at round places below and left of the arena
     low, high = corners.min(axis=0), corners.max(axis=0)
     step = _round_step(scene.size / 8)
-    places, words = [], []
+    spots, words = [], []
     for axis in range(2):
         for value in np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step):
             place = low - 0.035 * scene.size
             place[axis] = value
-            places.append(place)
+            spots.append(place)
             words.append(f"{'xy'[axis]} {value:g}" if value == low[axis] else f"{value:g}")
-    _write(rec, "world/axes", places, words)
+    _write(rec, "world/axes", spots, words)
 
 
 def _draw_legend(rec: rr.RecordingStream, scene: Scene) -> None:

@@ -4,6 +4,7 @@ A recording holds one entity per species for its bodies, however many they are, 
 focus per species whose needs, drive, decision and deviation maps are drawn over time:
 
     world/walls, world/axes, world/legend       static, in the units of the plane
+    world/fields/NAME, world/doors              fields as images that shine through, and the doors that are closed
     world/resources, .../stock, .../names       circles, how full they are, and what they are called
     world/agents/SPECIES    Points2D and Arrows2D: bodies and headings, a row per slot; internal
                             variables, serial and action as numbers; in full, drive and reward too
@@ -36,7 +37,7 @@ import pyarrow as pa
 import rerun as rr
 
 from ecology.ground.outline import polygon_of
-from ecology.observers import census, colours, maps, shapes
+from ecology.observers import census, colours, maps, places, shapes
 from ecology.observers.backdrop import text
 from ecology.observers.census import Choice, Life
 from ecology.observers.layout import blueprint
@@ -58,6 +59,8 @@ class Drawing:
         self._rec, self._scene = rec, scene
         self._acted: dict[str, int] = {}
         self._resources: np.ndarray | None = None
+        self._fields: dict[str, np.ndarray] = {}  # as they were last drawn
+        self._doors = b""
 
     def draw(self, samples: Sequence[Mapping[str, Any]]) -> None:
         """Send samples, in columns."""
@@ -67,6 +70,7 @@ class Drawing:
         }
         times = _times(column["tick"], column["time"])
         self._draw_resources(times, samples)
+        self._draw_places(samples)
         turn = 2 * np.pi / COMPASS
         angle = (column["heading"] / turn).round() * turn
         way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)  # (n, N, 2)
@@ -294,6 +298,27 @@ class Drawing:
                     [len(resources)] * len(samples)
                 ),
             )
+
+    def _draw_places(self, samples: Sequence[Mapping[str, Any]]) -> None:
+        """Draw the fields and the closed doors again where they have changed."""
+        for s in samples:
+            changed = [
+                name for name, level in s.get("fields", {}).items() if not np.array_equal(level, self._fields.get(name))
+            ]
+            doors = b"".join(line.tobytes() for line in s.get("doors", ()))
+            if not changed and doors == self._doors:
+                continue
+            self._rec.set_time("tick", sequence=s["tick"])
+            self._rec.set_time("sim_time", duration=s["time"])
+            for name in changed:
+                index = list(s["fields"]).index(name)
+                self._rec.log(
+                    f"world/fields/{name}", rr.Image(places.image(s["fields"][name], index), draw_order=-20 + index)
+                )
+                self._fields[name] = s["fields"][name]
+            if doors != self._doors:
+                self._rec.log("world/doors", rr.LineStrips2D(s["doors"], colors=[INK], draw_order=5))
+                self._doors = doors
 
     def _beside(self, centre: np.ndarray, radius: float, letters: int) -> tuple[float, float]:
         """Return where a word may hang below or above a circle without lying on a wall."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ecology.ground import plane_of
-from ecology.observers import shapes
+from ecology.model import Model
+from ecology.observers import places, shapes
 from ecology.scenario import Scenario
 from ecology.state import Floats, State
 
@@ -24,11 +25,13 @@ class Frame:
     drive: Floats  # (N,)
     patches: Floats  # (R, 2)
     full: Floats  # (R,) from 0 to 1
+    doors: Sequence[np.ndarray] = ()  # those that are closed, lines (2, 2)
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)  # how strong, uint8 (rows, columns); none of a film
     marks: Mapping[str, Sequence[np.ndarray]] = field(default_factory=dict)  # kind -> strips (k, 2)
 
 
-def frame(scenario: Scenario, state: State) -> Frame:
-    """Return what a picture shows of `state`."""
+def frame(scenario: Scenario, state: State, model: Model | None = None) -> Frame:
+    """Return what a picture shows of `state`; its fields only where the `model` of the world is given."""
     alive, none = state.alive, np.zeros(len(state.alive), bool)
     wide = max(shapes.radius(scenario, species) for species in scenario.species)
     marks, plane = {}, plane_of(scenario.arena)
@@ -47,5 +50,7 @@ def frame(scenario: Scenario, state: State) -> Frame:
         drive=state.drive,
         patches=shapes.patches(scenario, state),
         full=shapes.fullness(scenario, state),
+        doors=places.closed_doors(scenario.arena, state.doors),
+        fields={} if model is None else places.levels(model, state, places.grid_of(scenario.arena)),
         marks=marks,
     )

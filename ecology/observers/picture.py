@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ecology.observers import shapes
+from ecology.observers import places, shapes
 from ecology.observers.colours import highest_drive, resource_colours, scale, species_colour
 from ecology.observers.frame import Frame, frame
 from ecology.observers.plotting import (
@@ -66,6 +66,8 @@ class Picture:
         self._mixed = len(scenario.species) > 1
         self._drives = ScalarMappable(Normalize(0, highest_drive(scenario)), ListedColormap(scale("plasma") / 255))
         figure.colorbar(self._drives, ax=axes, label=f"drive ({'heading' if self._mixed else 'body'})", shrink=0.8)
+        self._shut = self._add(LineCollection([], colors="0.35", linewidths=3, zorder=1))
+        self._fields = self._images() if scenario.fields else {}
         self._patches = self._resources()
         self._bodies = [self._species(i) for i in range(len(scenario.species))]
         self._marks = {
@@ -108,6 +110,10 @@ class Picture:
         for kind, lines in self._marks.items():
             lines.set_segments(list(shown.marks.get(kind, ())))
         who = ", ".join(told)
+        self._shut.set_segments(list(shown.doors))
+        for i, (name, level) in enumerate(shown.fields.items()):
+            if name in self._fields:
+                self._fields[name].set_data(places.image(level, i))
         self._title.set_text(f"{self._scenario.name}, tick {shown.tick}, time {shown.time:g}: {who}")
         self._canvas.restore_region(self._background)
         for artist in self._moving():
@@ -117,7 +123,7 @@ class Picture:
 
     def _moving(self) -> list[Any]:
         """Return what is drawn anew in every frame, the lowest first."""
-        found: list[Any] = []
+        found: list[Any] = [*self._fields.values(), self._shut]
         if self._patches:
             rings, discs, names, _ = self._patches
             found += [discs, rings, *names.values()]
@@ -145,6 +151,20 @@ class Picture:
                 **how,
             )
         )
+
+    def _images(self) -> dict[str, Any]:
+        """Return the images of the fields, nothing in them yet."""
+        grid = places.grid_of(self._scenario.arena)
+        left, bottom = grid.corner
+        ends = (left, left + len(grid.x) * grid.cell, bottom, bottom + len(grid.y) * grid.cell)
+        nothing = places.image(np.zeros(grid.inside.shape, np.uint8), 0)
+        limits = self._axes.get_xlim(), self._axes.get_ylim()
+        found = {
+            each.name: self._axes.imshow(nothing, extent=ends, origin="lower", animated=True, zorder=1.5)
+            for each in self._scenario.fields
+        }
+        self._axes.set(xlim=limits[0], ylim=limits[1])
+        return found
 
     def _resources(self) -> tuple[Any, Any, dict[int, Any], np.ndarray] | None:
         """Return rings, discs, names by patch and radii of the patches."""

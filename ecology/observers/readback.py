@@ -93,6 +93,7 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
                 drive[i, rows] = np.asarray(level[tick]) * top / (STEPS - 1)
         patches = column(source, "/world/resources", "Ellipses2D:centers")
         stock = column(source, "/world/resources/stock", "Points2D:radii")
+        doors = column(source, "/world/doors", "LineStrips2D:strips") if scenario.arena.doors else {}
         marks = {kind: column(source, f"/world/marks/{kind}", "LineStrips2D:strips") for kind in MARKED}
     time_of = scenario.dt * ticks
     radii = np.array([r.radius for r in scenario.resources for _ in range(r.count)])
@@ -108,6 +109,7 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
                 drive=drive[i],
                 patches=np.reshape(_latest(patches, tick), (-1, 2)) if patches else np.empty((0, 2)),
                 full=np.ones(len(radii)) if full is None else (np.asarray(full) / radii) ** 2,
+                doors=[np.reshape(line, (-1, 2)) for line in _latest(doors, tick) or ()],
                 marks={k: [np.reshape(strip, (-1, 2)) for strip in of.get(int(tick), ())] for k, of in marks.items()},
             )
         )

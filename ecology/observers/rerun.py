@@ -23,7 +23,7 @@ import rerun as rr
 from ecology.env import Ecology
 from ecology.errors import EcologyError
 from ecology.ground import plane_of
-from ecology.observers import census, maps, relay, shapes
+from ecology.observers import census, maps, places, relay, shapes
 from ecology.observers.backdrop import open_scene
 from ecology.observers.base import Mind
 from ecology.observers.census import Census, Choice, Focus, Happening
@@ -143,6 +143,7 @@ class RerunObserver:
     def _begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         state, scenario = env.state_view, env.scenario
         self._env, self._minds, self._grid = env, minds, maps.cover(scenario.arena)
+        self._cells = places.grid_of(scenario.arena)
         self._focus, self._census = Focus.of(env, self._asked), Census(env, self._before)
         self._focus.look(state)
         self._scene = scene = Scene(
@@ -351,6 +352,8 @@ class RerunObserver:
             "serial": state.serial.astype(np.int32),
             "action": np.where(acted, state.action, DEAD).astype(np.uint8),
             "steps": np.stack(self._steps),  # (ticks since the last sample, k, 2)
+            "fields": places.levels(self._env.world.model, state, self._cells) if scene.scenario.fields else {},
+            "doors": places.closed_doors(scene.scenario.arena, state.doors),
             "resources": shapes.patches(scene.scenario, state).astype(np.float32),
             "stock": shapes.fullness(scene.scenario, state).astype(np.float32),
             "told": told,

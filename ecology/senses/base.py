@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from ecology.neighbours import Pairs
-from ecology.spec import Arena, Resource, Species
+from ecology.spec import Arena, Field, Resource, Species
 from ecology.state import Bools, Ints, State
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ class Perceiver:
     resources: Sequence[Resource]
     everyone: Sequence[Species]
     far: float  # the farthest that it sees, length
+    fields: Sequence[Field] = ()
 
 
 class Perception(NamedTuple):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,17 +14,19 @@ from ecology.senses.base import Component, Perceiver, Perception, Sense
 from ecology.senses.clock import Clock
 from ecology.senses.deviations import Deviations
 from ecology.senses.felt import Felt
+from ecology.senses.gauge import FieldSense
 from ecology.senses.heading import Heading
 from ecology.senses.others import Others
 from ecology.senses.patches import Patches
 from ecology.senses.position import Position
-from ecology.spec import Arena, Resource, Species
+from ecology.spec import Arena, Field, Gauge, Resource, Species
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
 
 SENSES: dict[str, type[Sense]] = {"position": Position, "heading": Heading, "clock": Clock}  # of `Species.senses`
+MADE: dict[type, Callable[[Perceiver, Any], Sense]] = {Gauge: FieldSense}  # of its senses that say more than a name
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,22 @@ class Gaze:
 
 
 def compile_gaze(
-    species: Species, rows: slice, arena: Arena, resources: Sequence[Resource], everyone: Sequence[Species]
+    species: Species,
+    rows: slice,
+    arena: Arena,
+    resources: Sequence[Resource],
+    everyone: Sequence[Species],
+    fields: Sequence[Field] = (),
 ) -> Gaze:
     """Return the constants of what the slots `rows` of `species` perceive."""
     far = farthest(species, plane_of(arena))
-    whose = Perceiver(species=species, rows=rows, arena=arena, resources=resources, everyone=everyone, far=far)
+    whose = Perceiver(
+        species=species, rows=rows, arena=arena, resources=resources, everyone=everyone, far=far, fields=fields
+    )
     senses: list[Sense] = [
         Deviations(whose),
         Felt(whose),
-        *(SENSES[name](whose) for name in species.senses),
+        *(SENSES[each](whose) if isinstance(each, str) else MADE[type(each)](whose, each) for each in species.senses),
         *(Patches(whose, name) for name in species.sees),
         *(Others(whose, sensed) for sensed in species.neighbours),
     ]
@@ -83,9 +92,15 @@ def compile_gaze(
     )
 
 
-def layout(species: Species, arena: Arena, resources: Sequence[Resource], everyone: Sequence[Species]) -> Layout:
+def layout(
+    species: Species,
+    arena: Arena,
+    resources: Sequence[Resource],
+    everyone: Sequence[Species],
+    fields: Sequence[Field] = (),
+) -> Layout:
     """Return the layout of zeta = [delta, what is felt of others, e] for `species` among `everyone`."""
-    return compile_gaze(species, slice(0, species.slots), arena, resources, everyone).layout
+    return compile_gaze(species, slice(0, species.slots), arena, resources, everyone, fields).layout
 
 
 def _lay_out(species: Species, components: Sequence[Component], everyone: Sequence[Species]) -> Layout:

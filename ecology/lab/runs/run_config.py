@@ -110,10 +110,10 @@ PLAIN = {  # keys of config.toml that are not tables, and what they are
 TABLES = ("settings", "learners", "forked", "made_with")
 # fields that are younger than checkpoints, which know nothing of them: left out where they hold their default
 LATER: Mapping[str, Mapping[str, Any]] = {
-    "Arena": {"holes": ()},
+    "Arena": {"holes": (), "doors": ()},
     "Resource": {"decay": 0.0, "gone_below": None, "present": None, "seeding": None},
-    "Scenario": {"memory": {}},
-    "Species": {"remains": None},
+    "Scenario": {"memory": {}, "fields": ()},
+    "Species": {"remains": None, "exposures": ()},
 }
 
 
