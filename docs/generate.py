@@ -289,6 +289,8 @@ def action_row(action: Action) -> tuple[str, ...]:
         does += f"; brings {amounts(action.gain)}" if action.gain else ""
     if action.kind == "give":
         does += f": {amounts(action.gives)} per unit of time"
+    if action.emits:
+        does += f"; sends {amounts(action.emits)}"
     opens = {"consume": ["inside its circle"], "go_to": ["while it is seen"], "bite": ["one in reach and sight"],
              "give": ["one in reach and sight"]}.get(action.kind, [])  # fmt: skip
     opens += [f"{name} at least {number(value)}" for name, value in action.opens_from.items()]
@@ -302,7 +304,11 @@ def resource_row(resource: Resource) -> tuple[str, ...]:
     where += "" if resource.motion is None else f", {type(resource.motion).__name__}"
     where += "" if resource.availability == 1 else f", there with probability {number(resource.availability)}"
     stock = "unlimited" if math.isinf(resource.stock) else f"{number(resource.stock)} of {number(resource.most)}"
-    growth = "-" if resource.growth is None else f"{resource.growth.kind}, rate {number(resource.growth.rate)}"
+    comes = [] if resource.growth is None else [f"{resource.growth.kind}, rate {number(resource.growth.rate)}"]
+    comes += ["by seeds"] if resource.seeding is not None else []
+    comes += [f"spoils by {number(resource.decay)}"] if resource.decay else []
+    comes += [f"gone below {number(resource.gone_below)}"] if resource.gone_below is not None else []
+    growth = ", ".join(comes) or "-"
     return code(resource.name), str(resource.count), where, number(resource.radius), stock, growth
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ecology import elementary, physiology
 from ecology.ground import Plane
+from ecology.life import are_kin
 from ecology.neighbours import Pairs
 from ecology.physiology import Body
 from ecology.spec import Empathy, Species
@@ -92,9 +93,7 @@ def matrix(
     e, rows, others = coupling.empathy, coupling.rows, coupling.others
     weight = coupling.weight * state.alive[rows, None] * state.alive[others]
     if e.kin:
-        mine, theirs = state.serial[rows, None], state.serial[others]
-        parent, their_parent = state.parent[rows, None], state.parent[others]
-        weight *= (parent == theirs) | (their_parent == mine) | ((parent == their_parent) & (parent >= 0))
+        weight *= are_kin(state, np.arange(rows.start, rows.stop)[:, None], others)
     if np.isfinite(e.within):
         gap = plane.gap(state.position[rows, None], state.position[others])
         weight *= elementary.hypot(gap[..., 0], gap[..., 1]) <= e.within

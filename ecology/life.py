@@ -104,7 +104,19 @@ def start_lives(model: Model, state: State, new: Ints, position: Floats, heading
     state.fatal_need[new], state.killer[new] = -1, -1
     state.position[new], state.heading[new] = position, wrap(heading)
     state.hold[new], state.bound_for[new] = 0.0, -1
+    if state.traces is not None or state.failed is not None:  # it remembers nothing, and its senses work
+        for name in ("traces", "failed"):
+            if getattr(state, name) is not None:
+                state.own(name)
+                getattr(state, name)[new] = 0
     state.action[new] = model.tables[int(model.species_of[new[0]])].rest
+
+
+def are_kin(state: State, one: Ints, other: Ints) -> Bools:
+    """Return which of pairs of slots (...) are parent and child, or children of one parent, (...)."""
+    mine, theirs = state.serial[one], state.serial[other]
+    parent, their_parent = state.parent[one], state.parent[other]
+    return (parent == theirs) | (their_parent == mine) | ((parent == their_parent) & (parent >= 0))
 
 
 def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, alive: Bools) -> Bools:

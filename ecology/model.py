@@ -22,7 +22,7 @@ from ecology.resources import ResourceTable
 from ecology.scenario import Scenario
 from ecology.senses import Gaze, Layout
 from ecology.sight import Eyes, compile_eyes
-from ecology.spec import Species
+from ecology.spec import Hearing, Species
 from ecology.state import Bools, Floats, Ints, State
 
 
@@ -211,6 +211,7 @@ def _nearness(scenario: Scenario, gazes: tuple[Gaze, ...]) -> float:
         if s.neighbours or (s.empathy is not None and s.empathy.sight):
             found.append(gaze.far)
         found += [action.reach for action in s.actions]
+        found += [sense.range for sense in s.senses if isinstance(sense, Hearing)]
         if s.crowding is not None:
             found.append(s.crowding.within)
     return max(found)

@@ -125,15 +125,15 @@ def check(outcome: Outcome, scenario: Scenario, world: World, owner: str) -> Non
             raise EcologyError(f"{owner}: memory {name!r} must be finite numbers of shape {shape}, got {value!r}.")
 
 
-def _check_places(places: object, columns: int, world: World, owner: str, what: str) -> None:
+def _check_places(places: Any, columns: int, world: World, owner: str, what: str) -> None:
     good = isinstance(places, np.ndarray) and places.dtype.kind in "iuf" and places.ndim == 2
-    if not good or places.shape[1] != columns or not np.isfinite(places).all():  # type: ignore[attr-defined]
+    if not good or places.shape[1] != columns or not np.isfinite(places).all():
         row = "x and y" if columns == 2 else "x, y and stock"
         raise EcologyError(f"{owner}: {what} must be finite numbers of shape (k, {columns}), {row}, got {places!r}.")
-    outside = ~world.inside(places[:, :2])  # type: ignore[index]
+    outside = ~world.inside(places[:, :2])
     if outside.any():
         raise EcologyError(
-            f"{owner}: {what} has a place outside the arena, {places[outside][0, :2].tolist()}; "  # type: ignore[index]
+            f"{owner}: {what} has a place outside the arena, {places[outside][0, :2].tolist()}; "
             "world.inside(position) says which places are within."
         )
 

@@ -21,11 +21,13 @@ from ecology.spec import (
     Drift,
     Field,
     Gauge,
+    Hearing,
     Oscillation,
     Relocation,
     Remains,
     Resource,
     Species,
+    Trace,
     require,
 )
 from ecology.state import State
@@ -223,6 +225,7 @@ class Scenario:
                 f"cannot follow; dt must be at most {1 / max(fastest, 1e-300):g}.",
             )
         components = layout(species, self.arena, self.resources, self.species, self.fields).names
+        self._check_senses(owner, species, components)
         twice = sorted({name for name in components if components.count(name) > 1})
         require(
             not twice,
@@ -308,6 +311,25 @@ class Scenario:
                 empathy.lesion != "shuffled" or felt >= 3,
                 f"{owner}: shuffled partners need at least 3 to shuffle, got {felt}; use the lesion 'off' or 'sham'.",
             )
+
+    def _check_senses(self, owner: str, species: Species, components: tuple[str, ...]) -> None:
+        """Check what is said of the components of zeta, and that what is listened to is said."""
+        channels = sorted({name for s in self.species for action in s.actions for name in action.emits})
+        mentions = [("a trace", sense.of) for sense in species.senses if isinstance(sense, Trace)]
+        mentions += [("a fault", fault.of) for fault in species.faults]
+        for word, name in mentions:
+            require(
+                name in components,
+                f"{owner}: {word} names {name!r}, which is none of the components of its zeta. "
+                f"{nearest(name, components)}",
+            )
+        for sense in species.senses:
+            if isinstance(sense, Hearing):
+                require(
+                    sense.channel in channels,
+                    f"{owner}: it listens to the channel {sense.channel!r}, on which no action sends. "
+                    + (nearest(sense.channel, channels) if channels else "Give an action emits={channel: content}."),
+                )
 
     def _check_remains(self, owner: str, species: Species, remains: Remains) -> None:
         known = {r.name: r for r in self.resources}

@@ -156,6 +156,7 @@ class Action:
     gives: Mapping[str, float] = field(default_factory=dict)  # of give: units per unit of time, from need to same need
     efficiency: float = 1.0  # of give: share of what is given that arrives
     duration: float = 0.0  # minimal duration, during which no other action is open; of bite: handling time
+    emits: Mapping[str, float] = field(default_factory=dict)  # channel -> content of the signal that it sends
     opens_from: Mapping[str, float] = field(default_factory=dict)  # open only while every need named is at least this
     closes_at: Mapping[str, float] = field(default_factory=dict)  # closed while any need named is at least this
 
@@ -173,7 +174,7 @@ class Action:
         if self.direction is not None:
             _finite(owner, direction=self.direction)
         require(self.duration >= 0, f"{owner}: duration must not be negative, got {self.duration!r}.")
-        for rates in (self.control, self.opens_from, self.closes_at):
+        for rates in (self.control, self.opens_from, self.closes_at, self.emits):
             _finite(owner, **rates)
         require(
             (self.resource is not None) == (self.kind in ("consume", "go_to")),
@@ -631,6 +632,81 @@ class Gauge:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rays:
+    """The sense of walls: distances to the nearest one along `count` rays, evenly over `spread` around the heading.
+
+    The first ray is the one farthest to the right. Closed doors are walls; on a torus there are none.
+    """
+
+    range: float  # the farthest that is sensed, length
+    count: int = 8
+    spread: float = 2 * math.pi  # radians between the outermost rays; all around by default
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _finite("Rays", range=self.range, spread=self.spread)
+        require(self.range > 0, f"Rays: range must be positive, got {self.range!r}.")
+        require(1 <= self.count <= 360, f"Rays: count must be a whole number from 1 to 360, got {self.count!r}.")
+        require(0 < self.spread <= 2 * math.pi, f"Rays: spread must lie in (0, 2 pi] radians, got {self.spread!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hearing:
+    """The sense of signals on a channel: content, distance and bearing of the nearest other that sends.
+
+    An action sends by `emits`, in the tick in which it is executed. Walls do not stop a signal.
+    """
+
+    channel: str
+    range: float  # the farthest that is heard, length
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _words("Hearing", self.channel)
+        _finite("Hearing", range=self.range)
+        require(self.range > 0, f"Hearing: range must be positive, got {self.range!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """The sense of a fading memory: the last large value of a component of zeta, times exp(-rate t) since.
+
+    It is replaced by a value that is at least as far from 0 as what is left of it. A newborn remembers nothing.
+    """
+
+    of: str  # component of zeta, as `ecology check` lists them
+    rate: float  # share that fades per unit of time
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _finite("Trace", rate=self.rate)
+        require(self.rate > 0, f"Trace: rate must be positive, got {self.rate!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """A sense that is noisy or fails: what is read of one component of zeta.
+
+    Noise is normal, drawn at every tick, and within the bounds of the component. A sense that fails reads 0 until it
+    works again; in the long run it fails failure / (failure + repair) of the time.
+    """
+
+    of: str  # component of zeta
+    noise: float = 0.0  # standard deviation, in units of the component
+    failure: float = 0.0  # rate at which it fails, per unit of time
+    repair: float = 0.0  # rate at which it works again, per unit of time
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _finite("Fault", noise=self.noise, failure=self.failure, repair=self.repair)
+        for word, value in (("noise", self.noise), ("failure", self.failure), ("repair", self.repair)):
+            require(value >= 0, f"Fault: {word} must not be negative, got {value!r}.")
+        require(
+            self.noise > 0 or self.failure > 0, f"Fault: {self.of!r} has neither noise nor failure; give one of them."
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Arena:
     """A closed polygon whose edges are walls, with holes and inner walls in it.
 
@@ -750,19 +826,26 @@ class Neighbours:
     """What is sensed of others: the `count` nearest in the view field, not hidden by a wall, nearest first.
 
     Per neighbour: distance, bearing from one's own heading, its heading from one's own, which
-    species it is (where several are sensed) and the deviations that its species opens. Where nobody is,
-    the distance is the farthest and the rest is 0.
+    species it is (where several are sensed), the deviations that its species opens, and where asked for, what it does,
+    whether it is kin, and who it is. Where nobody is, the distance is the farthest and the rest is 0.
     """
 
     count: int = 1
     species: tuple[str, ...] = ()  # all when empty
     heading: bool = False  # whether its heading is sensed
+    action: bool = False  # whether it is sensed what it did in the last tick
+    kin: bool = False  # whether it is sensed that it is a parent, a child or a sibling
+    identity: int = 0  # binary digits of its serial that are sensed, the last ones, as -1 or 1: who it is
 
     def __post_init__(self) -> None:
         typed.check(self)
         require(
             isinstance(self.count, int) and self.count >= 1,
             f"Neighbours: count must be a whole number of at least 1, got {self.count!r}.",
+        )
+        require(
+            0 <= self.identity <= 32,
+            f"Neighbours: identity is a number of binary digits from 0 to 32, got {self.identity!r}.",
         )
 
 
@@ -820,9 +903,10 @@ class Species:
     solid: bool = True  # whether the bodies of others are in its way
     view_angle: float = 2 * math.pi  # of the view field, radians
     view_range: float = math.inf  # of the view field, length
-    senses: tuple[str | Gauge, ...] = ("position", "heading")  # e, after the deviations in zeta
+    senses: tuple[str | Gauge | Rays | Hearing | Trace, ...] = ("position", "heading")  # e, in zeta after deviations
     sees: tuple[str, ...] = ()  # resources: distance, bearing and fullness of the nearest patch that is seen
     neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
+    faults: tuple[Fault, ...] = ()  # of the senses
     opens: tuple[str, ...] = ()  # needs whose deviations others can sense
     empathy: Empathy | None = None
     crowding: Crowding | None = None

@@ -66,6 +66,9 @@ class State:
     # there only in worlds that use them, else None
     memory: Floats | None = None  # (M,) the own state of the scenario's rule, one name after the other
     pace: Floats | None = None  # (N,) share of its speed at which the rule lets a body move in the next tick
+    traces: Floats | None = None  # (N, T) fading memories, by the columns that each species gives them
+    misread: Floats | None = None  # (N, F) noise of faulty senses in this tick, in standard deviations
+    failed: Bools | None = None  # (N, F) faulty senses that read nothing
     grid: Floats | None = None  # (M,) the fields that change, a value per cell, one field after the other
     doors: Bools | None = None  # (D,) open
     sight: Floats | None = None  # (N,) share of its view range that the rule lets it see

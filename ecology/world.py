@@ -30,7 +30,7 @@ from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
 from ecology.model import Model
 from ecology.physics import Physics, velocities
-from ecology.senses import Perception
+from ecology.senses import Perception, faults
 from ecology.spec import require
 from ecology.state import Bools, Floats, Ints, State
 
@@ -87,14 +87,16 @@ class ArrayWorld:
         """Start from `seed` and return the first observations."""
         self.model = model = doors.fit(self.model)
         self.seed, self.reweighed = seed, {}
-        streams = np.random.SeedSequence(seed).spawn(len(CONCERNS))
-        self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
+        concerns = (*CONCERNS, "senses") if any(gaze.faults for gaze in model.gazes) else CONCERNS
+        streams = np.random.SeedSequence(seed).spawn(len(concerns))
+        self._rng = {name: np.random.default_rng(stream) for name, stream in zip(concerns, streams, strict=True)}
         self._state = state = _first_state(model, self._rng)
         self.model = model = doors.fit(model, state.doors)
         self.turnover += 1
         self.lesion_order = self._rng["lesion"].permutation(model.size)  # of the shuffled lesion
         self._touch(state)
         self.perception = self._perceive(state, None)
+        self._sense(state)
         return self._observe(np.zeros(model.size))
 
     def step(self, chosen: Ints) -> Tick:
@@ -139,6 +141,7 @@ class ArrayWorld:
             self._fit(state)
         # senses and observation
         self.perception = self._perceive(state, seen.pairs)
+        self._sense(state)
         self._state = state
         reward = np.where(born, 0.0, before.drive - state.drive)
         tick = self._observe(reward, died, deeds.closed, born, parent, killer)
@@ -162,6 +165,12 @@ class ArrayWorld:
         empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, here, toward, targets)
         return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes)
+
+    def _sense(self, state: State) -> None:
+        """Draw what faulty senses read in this tick, and let memories fade and take up what is sensed."""
+        if state.failed is not None:
+            faults.draw(self.model, state, self._rng["senses"])
+        senses.remember(self.model, state, self.perception)
 
     def _observe(
         self,
@@ -356,6 +365,17 @@ def _plain(state: State) -> dict[str, Any]:
     return {name: value for name, value in values.items() if not isinstance(value, (np.ndarray, NoneType))}
 
 
+def _first_senses(model: Model) -> dict[str, Any]:
+    """Return the arrays of memories and faults at the start, where any species has them."""
+    found: dict[str, Any] = {}
+    traces, faulty = (max(map(len, parts)) for parts in zip(*((g.traces, g.faults) for g in model.gazes), strict=True))
+    if traces:
+        found["traces"] = np.zeros((model.size, traces))
+    if faulty:
+        found |= {"misread": np.zeros((model.size, faulty)), "failed": np.zeros((model.size, faulty), bool)}
+    return found
+
+
 def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
     """Return the state in which a world starts."""
     n, table = model.size, model.resources
@@ -403,6 +423,7 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         lost=nothing.copy(),
         returned=0,
         closed=np.zeros(n, np.int64),
+        **_first_senses(model),
         memory=powers.first_memory(model.scenario.memory),
         grid=fields.first_grid(model.fields),
         doors=doors.first_doors(model.scenario.arena),

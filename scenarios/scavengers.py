@@ -7,6 +7,7 @@ do not use up: grazers * mortality * (flesh + energy), less what rots before it 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from ecology import (
     Arena,
@@ -28,7 +29,7 @@ from ecology import (
 WALK, TURN = 0.12, math.pi / 2  # length and radians per unit of time
 
 
-def _eats(name: str, food: str, count: int, decay: float, sight: float, **words: object) -> Species:
+def _eats(name: str, food: str, count: int, decay: float, sight: float, **words: Any) -> Species:
     """Return a species that walks, sees one food and eats it."""
     return Species(
         name=name,
@@ -55,7 +56,7 @@ def build(
     carcass = Resource(
         name="carcass", count=3 * grazers, radius=0.3, stock=0.0, capacity=2.0, decay=rot, gone_below=0.02
     )
-    fed = {"threshold": {"energy": 0.8}, "cost": {"energy": 0.4}}
+    fed: dict[str, Any] = {"threshold": {"energy": 0.8}, "cost": {"energy": 0.4}}
     return Scenario(
         name="scavengers",
         arena=Arena(vertices=((0, 0), (side, 0), (side, side), (0, side))),

@@ -18,14 +18,17 @@ from ecology import (
     Ecology,
     Empathy,
     Exposure,
+    Fault,
     Field,
     Gauge,
     Growth,
     Hazard,
+    Hearing,
     Need,
     Neighbours,
     Oscillation,
     Outcome,
+    Rays,
     Relocation,
     Remains,
     Resource,
@@ -33,6 +36,7 @@ from ecology import (
     Season,
     Seeding,
     Species,
+    Trace,
     World,
     act,
     bite,
@@ -230,7 +234,11 @@ def coming(**words: Any) -> Scenario:
     prey = replace(
         prey,
         remains=Remains(resource="carcass", needs={"food": 1.0, "calm": 0.5}, body=0.2),
-        actions=(*prey.actions, consume("berries", {"food": 0.3}), go_to("berries", WALK)),
+        actions=(
+            *(replace(a, emits={"alarm": 1.5}) if a.name == "call" else a for a in prey.actions),
+            consume("berries", {"food": 0.3}),
+            go_to("berries", WALK),
+        ),
         sees=(*prey.sees, "berries", "carcass"),
     )
     resources = (
@@ -244,10 +252,20 @@ def coming(**words: Any) -> Scenario:
         Field(name="smell", diffusion=0.05, decay=0.02, sources={"hunter": 0.2, "carcass": 0.1}, cells=12),
         Field(name="mud", values=((0.0, 0.5), (1.0, 0.2))),
     )
-    hunters = replace(hunters, senses=(*hunters.senses, Gauge(field="smell", gradient=True)))
+    senses = (*hunters.senses, Gauge(field="smell", gradient=True), Trace(of="prey_1_distance", rate=0.05))
+    hunters = replace(hunters, senses=senses, faults=(Fault(of="x", noise=0.1),))
     prey = replace(
         prey,
-        senses=(*prey.senses, Gauge(field="warmth"), Gauge(field="smell", value=False, gradient=True)),
+        senses=(
+            *prey.senses,
+            Gauge(field="warmth"),
+            Gauge(field="smell", value=False, gradient=True),
+            Rays(range=3.0, count=5),
+            Hearing(channel="alarm", range=2.5),
+            Trace(of="alarm", rate=0.1),
+        ),
+        faults=(Fault(of="grass_distance", noise=0.2), Fault(of="grass_bearing", noise=0.1, failure=0.05, repair=0.2)),
+        neighbours=(Neighbours(count=3, action=True, kin=True, identity=4),),
         exposures=(
             Exposure(field="warmth", reference=12.0, control={"calm": -0.001}),
             Exposure(field="mud", slowing=0.7, dimming=0.5),

@@ -303,7 +303,9 @@ class Drawing:
         """Draw the fields and the closed doors again where they have changed."""
         for s in samples:
             changed = [
-                name for name, level in s.get("fields", {}).items() if not np.array_equal(level, self._fields.get(name))
+                name
+                for name, level in s.get("fields", {}).items()
+                if name not in self._fields or not np.array_equal(level, self._fields[name])
             ]
             doors = b"".join(line.tobytes() for line in s.get("doors", ()))
             if not changed and doors == self._doors:

@@ -6,7 +6,17 @@ A sense of one's own is a class of one file here and an entry in `zeta.SENSES`, 
 from __future__ import annotations
 
 from ecology.senses.base import Component, Perceiver, Perception, Sense
-from ecology.senses.zeta import SENSES, Gaze, Layout, compile_gaze, farthest, layout, observe, show_fatal_needs
+from ecology.senses.zeta import (
+    SENSES,
+    Gaze,
+    Layout,
+    compile_gaze,
+    farthest,
+    layout,
+    observe,
+    remember,
+    show_fatal_needs,
+)
 
 __all__ = [
     "SENSES",
@@ -20,5 +30,6 @@ __all__ = [
     "farthest",
     "layout",
     "observe",
+    "remember",
     "show_fatal_needs",
 ]

@@ -11,6 +11,7 @@ from ecology import elementary
 from ecology.compiler_cache import compiled, use_cache
 from ecology.ground import plane
 from ecology.ground.plane import wrapped
+from ecology.senses.acquaintance import Acquaintance
 from ecology.senses.base import Component, Perceiver, Perception, Sense, place_components
 from ecology.sight import nearest_seen
 from ecology.spec import Neighbours
@@ -30,6 +31,7 @@ class Others(Sense):
         everyone = whose.everyone
         kinds = [s for s in everyone if not sensed.species or s.name in sensed.species]
         opened = list(dict.fromkeys(name for kind in kinds for name in kind.opens))
+        known = Acquaintance(sensed, kinds, everyone)
         found: list[Component] = []
         label = "_".join(sensed.species) or "other"
         for i in range(sensed.count):
@@ -44,8 +46,9 @@ class Others(Sense):
                 low, high = min(n.low - n.set_point for n in needs), max(n.bounds[1] - n.set_point for n in needs)
                 scale = max(n.scale for n in needs)
                 found.append(Component(f"{one}_{name}", "plain", scale, min(low, 0.0), max(high, 0.0)))
+            found += known.components(one)
         self.components = tuple(found)
-        self._rows, self._far, self._sensed, self._kinds = whose.rows, whose.far, sensed, len(kinds)
+        self._rows, self._far, self._sensed, self._kinds, self._known = whose.rows, whose.far, sensed, len(kinds), known
         # the place of each species (S,) among the kinds that are sensed, -1 without
         self._kind_of = np.array([kinds.index(s) if s in kinds else -1 for s in everyone], np.int64)
         # the needs that each of these opens, (kinds, W), -1 without
@@ -65,8 +68,16 @@ class Others(Sense):
         _write_others(
             zeta, column, self._far, found, angle, pairs.other, pairs.distance, self._rows.start, state.heading,
             sensed.heading, self._kind_of, self._kinds, model.species_of, self._columns, state.internal,
-            model.body.set_point,
+            model.body.set_point, self._known.width,
         )  # fmt: skip
+        if self._known.width:
+            width = len(self.components) // sensed.count
+            for place in range(sensed.count):
+                row = np.flatnonzero(found[:, place] >= 0)
+                told, at = zeta[row], column + (place + 1) * width - self._known.width
+                other = pairs.other[found[row, place]]
+                self._known.write(told, at, state, model.species_of, self._rows.start + row, other)
+                zeta[row] = told
 
 
 def _column(opens: tuple[str, ...], needs: list[str], name: str) -> int:
@@ -91,11 +102,13 @@ def _write_others(
     columns: Ints,
     internal: Floats,
     set_point: Floats,
+    more: int,
 ) -> None:
     """Write what n slots from `first` on sense of others into zeta (n, D) from `column` on.
 
     `found` (n, k) are the pairs, at `angle` (n, k); `kind_of` (S,) is the place of a species among the `kinds` that
-    are sensed, and `columns` (kinds, W) the needs that each lets others perceive, -1 without.
+    are sensed, and `columns` (kinds, W) the needs that each lets others perceive, -1 without. After each neighbour,
+    `more` components are left to the caller.
     """
     for row in range(len(found)):
         i, c = first + row, column
@@ -119,4 +132,4 @@ def _write_others(
                     need = columns[kind, w]
                     if need >= 0:
                         zeta[row, at + w] = internal[j, need] - set_point[j, need]
-            c += 2 + with_heading + (kinds if kinds > 1 else 0) + columns.shape[1]
+            c += 2 + with_heading + (kinds if kinds > 1 else 0) + columns.shape[1] + more

@@ -13,20 +13,29 @@ from ecology.ground import Plane, plane_of
 from ecology.senses.base import Component, Perceiver, Perception, Sense
 from ecology.senses.clock import Clock
 from ecology.senses.deviations import Deviations
+from ecology.senses.faults import Faulty, compile_faults, misread
 from ecology.senses.felt import Felt
 from ecology.senses.gauge import FieldSense
 from ecology.senses.heading import Heading
+from ecology.senses.hearing import Signals
 from ecology.senses.others import Others
 from ecology.senses.patches import Patches
 from ecology.senses.position import Position
-from ecology.spec import Arena, Field, Gauge, Resource, Species
+from ecology.senses.rays import Walls
+from ecology.senses.traces import Memory, follow
+from ecology.spec import Arena, Field, Gauge, Hearing, Rays, Resource, Species, Trace
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
 
 SENSES: dict[str, type[Sense]] = {"position": Position, "heading": Heading, "clock": Clock}  # of `Species.senses`
-MADE: dict[type, Callable[[Perceiver, Any], Sense]] = {Gauge: FieldSense}  # of its senses that say more than a name
+MADE: dict[type, Callable[[Perceiver, Any], Sense]] = {  # of its senses that say more than a name
+    Gauge: FieldSense,
+    Rays: Walls,
+    Hearing: Signals,
+    Trace: Memory,
+}
 
 
 @dataclass(frozen=True)
@@ -59,6 +68,8 @@ class Gaze:
     layout: Layout
     far: float  # the farthest that anything is seen, length
     senses: tuple[tuple[Sense, int], ...]  # with the first column of each in zeta
+    traces: tuple[Memory, ...]  # those of them that remember
+    faults: tuple[Faulty, ...]
 
 
 def compile_gaze(
@@ -83,10 +94,19 @@ def compile_gaze(
     ]
     senses = [sense for sense in senses if sense.components]
     columns = np.cumsum([0, *(len(sense.components) for sense in senses)]).tolist()
+    components = [c for sense in senses for c in sense.components]
+    traces = [sense for sense in senses if isinstance(sense, Memory)]
+    if traces:
+        known = {c.name: (i, c) for i, c in enumerate(components)}
+        for place, sense in enumerate(traces):
+            sense.bind(known, place)
+        components = [c for sense in senses for c in sense.components]
     return Gaze(
         species=species,
         rows=rows,
-        layout=_lay_out(species, [c for sense in senses for c in sense.components], everyone),
+        traces=tuple(traces),
+        faults=compile_faults(species.faults, components),
+        layout=_lay_out(species, components, everyone),
         far=far,
         senses=tuple(zip(senses, columns[:-1], strict=True)),
     )
@@ -126,8 +146,23 @@ def farthest(species: Species, plane: Plane) -> float:
     return min(species.view_range, plane.diagonal)
 
 
+def remember(model: Model, state: State, seen: Perception) -> None:
+    """Let traces fade for a tick, and take up what is sensed now."""
+    if state.traces is not None:
+        observed = {gaze.species.name: _sense(model, gaze, state, seen) for gaze in model.gazes if gaze.traces}
+        follow(model, state, observed)
+
+
 def observe(model: Model, gaze: Gaze, state: State, seen: Perception) -> np.ndarray:
-    """Return zeta = [delta, what is felt, e] of the n slots of one species, float32 (n, D)."""
+    """Return zeta = [delta, what is felt, e] of the n slots of one species, float32 (n, D), as senses read it."""
+    zeta = _sense(model, gaze, state, seen)
+    if gaze.faults:
+        misread(gaze.faults, gaze.rows, zeta, state)
+    return zeta
+
+
+def _sense(model: Model, gaze: Gaze, state: State, seen: Perception) -> np.ndarray:
+    """Return zeta (n, D) as it is."""
     zeta = np.zeros((gaze.rows.stop - gaze.rows.start, len(gaze.layout.names)), np.float32)
     for sense, column in gaze.senses:
         sense.write(zeta, column, model, state, seen)

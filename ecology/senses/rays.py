@@ -1,0 +1,76 @@
+"""The sense of walls: how far they are in several directions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ecology import elementary
+from ecology.compiler_cache import compiled, use_cache
+from ecology.elementary import cosine_and_sine
+from ecology.senses.base import Component, Perceiver, Perception, Sense
+from ecology.spec import Rays
+from ecology.state import Floats, State
+
+if TYPE_CHECKING:
+    from ecology.model import Model
+
+use_cache(__file__, elementary.__file__)
+
+
+class Walls(Sense):
+    """Sense the distance to the nearest wall along rays from the body's centre; closed doors are walls."""
+
+    def __init__(self, whose: Perceiver, sensed: Rays) -> None:
+        """Compile the directions: the first ray is the one farthest to the right, the middle one points ahead."""
+        self._rows, self._range = whose.rows, sensed.range
+        places = np.arange(sensed.count)
+        whole = sensed.spread >= 2 * np.pi - 1e-9  # all around, from the back on
+        share = places / sensed.count if whole else places / max(sensed.count - 1, 1)
+        self._angles = -sensed.spread / 2 + sensed.spread * share if sensed.count > 1 else np.zeros(1)
+        self.components = tuple(
+            Component(f"ray_{i + 1}", "plain", sensed.range / 2, 0.0, sensed.range) for i in range(sensed.count)
+        )
+
+    def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
+        """Write the distances, at most the range."""
+        rows, eyes = self._rows, seen.eyes
+        if model.ground.torus:
+            zeta[:, column : column + len(self._angles)] = self._range
+            return
+        cast(
+            zeta, column, state.position[rows], state.heading[rows], self._angles, self._range, eyes.wall_from,
+            eyes.wall_along,
+        )  # fmt: skip
+
+
+@compiled
+def cast(
+    zeta: np.ndarray,
+    column: int,
+    position: Floats,
+    heading: Floats,
+    angles: Floats,
+    far: float,
+    wall_from: Floats,
+    wall_along: Floats,
+) -> None:
+    """Write the distances to the nearest wall from `position` (n, 2) along `heading` (n,) + `angles` (k,), at most far.
+
+    They stand in zeta (n, D) from `column` on; the walls are `wall_along` (W, 2) from where they start.
+    """
+    for i in range(len(position)):
+        for a in range(len(angles)):
+            dx, dy = cosine_and_sine(heading[i] + angles[a])
+            best = far
+            for w in range(len(wall_from)):
+                bx, by = wall_along[w, 0], wall_along[w, 1]
+                ox, oy = wall_from[w, 0] - position[i, 0], wall_from[w, 1] - position[i, 1]
+                cross = dx * by - dy * bx
+                if cross == 0.0:
+                    continue
+                way, share = (ox * by - oy * bx) / cross, (ox * dy - oy * dx) / cross
+                if 0.0 <= way < best and 0.0 <= share <= 1.0:
+                    best = way
+            zeta[i, column + a] = best
