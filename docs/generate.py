@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import typer.main
 
 import ecology
-from ecology import Action, Need, Resource, Scenario, Species, agents, scenarios, spec
+from ecology import Action, Need, Outcome, Resource, Scenario, Species, World, agents, scenarios, spec
 from ecology.agents import hjb
 from ecology.lab.certificate.cases import all_cases
 from ecology.lab.cli import app
@@ -132,7 +132,7 @@ def components() -> str:
         value for value in vars(spec).values() if dataclasses.is_dataclass(value) and value.__module__ == spec.__name__
     ]
     parts = []
-    for cls in (Scenario, *blocks):
+    for cls in (Scenario, *blocks, World, Outcome):
         assert isinstance(cls, type)
         parts.append(f"## `{cls.__name__}`\n\n{prose(cls.__doc__)}\n{field_table(cls) if fields_of(cls) else ''}")
         if cls is Action:

@@ -9,22 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ecology import (
-    Arena,
-    Birth,
-    Growth,
-    Hazard,
-    Need,
-    Remains,
-    Resource,
-    Scenario,
-    Species,
-    consume,
-    go_to,
-    move,
-    rest,
-    turn,
-)  # fmt: skip
+from ecology import Arena, Birth, Growth, Hazard, Need, Remains, Resource, Scenario, Species
+
+from ecology import consume, go_to, move, rest, turn  # isort: skip
 
 WALK, TURN = 0.12, math.pi / 2  # length and radians per unit of time
 

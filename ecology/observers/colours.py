@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from ecology.empathy import felt_species
+from ecology.resources import consumers
 from ecology.scenario import Scenario
 from ecology.spec import Species
 
@@ -43,7 +44,10 @@ def species_colour(index: int, *, alone: bool = False) -> Colour:
 
 
 def resource_colours(scenario: Scenario) -> list[Colour]:
-    """Return a colour per resource: that of the first need which its consumption restores, if any."""
+    """Return a colour per resource: that of the first need which its consumption restores, if any.
+
+    Where others eat it than eat an earlier resource of that colour, it gets one that is not in use.
+    """
     colours = [PALETTE[i % len(PALETTE)] for i in range(len(scenario.resources))]
     row = {resource.name: i for i, resource in enumerate(scenario.resources)}
     for species in reversed(scenario.species):
@@ -52,6 +56,12 @@ def resource_colours(scenario: Scenario) -> list[Colour]:
             fed = [name for name, rate in action.control.items() if rate > 0]
             if action.kind == "consume" and fed:
                 colours[row[str(action.resource)]] = need_colour(column[fed[0]])
+    eaters = [{s.name for s in consumers(r, scenario.species)} for r in scenario.resources]
+    for i, who in enumerate(eaters):
+        same = [other for other in range(i) if colours[other] == colours[i]]
+        free = [shade for shade in PALETTE if shade not in colours]
+        if same and free and all(who.isdisjoint(eaters[other]) for other in same):
+            colours[i] = free[0]
     return colours
 
 
