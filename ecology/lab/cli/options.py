@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -122,8 +121,3 @@ def read_pairs(
 def format_number(value: float | None) -> str:
     """Return a number with three digits after the point, "-" where there is none."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.3f}"
-
-
-def count_cpus() -> int:
-    """Return how many CPUs this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

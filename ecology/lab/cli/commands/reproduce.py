@@ -15,8 +15,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from ecology.errors import EcologyError, check_writable
-from ecology.lab.cli.options import Quiet, announces_compiling, count_cpus, read_pairs, read_setting
+from ecology.lab.cli.options import Quiet, announces_compiling, read_pairs, read_setting
 from ecology.lab.runs.stopping import StoppedError
+from ecology.machine import count_cpus
 
 ORDER = 10
 WIDE = 180  # characters of the certificate where there is no terminal
