@@ -59,8 +59,8 @@ def adaptive(
 ) -> Movements:
     """Return movements with adaptive time steps; lengths in units of time.
 
-    A move lasts `stride`, a rest `pause`, a meal, a bite and a gift `meal`, an act one tick, a turn about
-    `bearing` radians, go_to until it arrives, sleep its minimal duration. With `bearings`, turns are not
+    A move lasts `stride`, a rest `pause`, a meal, a bite, a gift, taking and dropping `meal`, an act one tick, a
+    turn about `bearing` radians, go_to until it arrives, sleep its minimal duration. With `bearings`, turns are not
     decided alone: a turn toward a bearing and the slowest move forward are one movement.
     """
     turns = [i for i, kind in enumerate(group.kinds) if kind == "turn"]
@@ -69,7 +69,8 @@ def adaptive(
     found: list[tuple[str, list[tuple[int, int]]]] = []
     for i, (name, kind) in enumerate(zip(group.actions, group.kinds, strict=True)):
         length = {
-            "move": stride, "rest": pause, "consume": meal, "bite": meal, "give": meal, "act": group.dt,
+            "move": stride, "rest": pause, "consume": meal, "bite": meal, "give": meal, "take": meal, "drop": meal,
+            "act": group.dt,
         }.get(kind)  # fmt: skip
         if length is not None:
             found.append((name, [(i, _count(length, group.dt))]))

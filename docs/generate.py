@@ -127,7 +127,19 @@ def field_table(cls: type) -> str:
 
 def components() -> str:
     """Return every building block of a scenario: the dataclasses with their fields, and the functions of actions."""
-    makers = (spec.rest, spec.move, spec.turn, spec.sleep, spec.consume, spec.go_to, spec.bite, spec.give, spec.act)
+    makers = (
+        spec.rest,
+        spec.move,
+        spec.turn,
+        spec.sleep,
+        spec.consume,
+        spec.go_to,
+        spec.bite,
+        spec.give,
+        spec.take,
+        spec.drop,
+        spec.act,
+    )
     blocks = [
         value for value in vars(spec).values() if dataclasses.is_dataclass(value) and value.__module__ == spec.__name__
     ]
@@ -282,6 +294,8 @@ def action_row(action: Action) -> tuple[str, ...]:
         "bite": f"bite the nearest {action.species} within {number(action.reach)}, chance {number(action.chance)}",
         "give": f"give to the nearest {action.species} within {number(action.reach)}, efficiency "
         f"{number(action.efficiency)}",
+        "take": f"take {number(action.amount)} of {action.resource}, per unit of time",
+        "drop": f"put {number(action.amount)} of {action.resource} into {action.into}, per unit of time",
         "act": "its control" if action.control else "defined by the rule",
     }[action.kind] + lasts  # fmt: skip
     if action.kind == "bite":
@@ -292,7 +306,8 @@ def action_row(action: Action) -> tuple[str, ...]:
     if action.emits:
         does += f"; sends {amounts(action.emits)}"
     opens = {"consume": ["inside its circle"], "go_to": ["while it is seen"], "bite": ["one in reach and sight"],
-             "give": ["one in reach and sight"]}.get(action.kind, [])  # fmt: skip
+             "give": ["one in reach and sight"], "take": ["inside its circle, with room for it"],
+             "drop": ["carrying it, with a place for it"]}.get(action.kind, [])  # fmt: skip
     opens += [f"{name} at least {number(value)}" for name, value in action.opens_from.items()]
     opens += [f"{name} below {number(value)}" for name, value in action.closes_at.items()]
     return code(action.name), cell(does), cell(amounts(action.control, "+")) or "0", cell(", ".join(opens)) or "always"

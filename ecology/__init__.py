@@ -41,11 +41,13 @@ if TYPE_CHECKING:
         act,
         bite,
         consume,
+        drop,
         give,
         go_to,
         move,
         rest,
         sleep,
+        take,
         turn,
     )
     from ecology.state import State
@@ -89,6 +91,7 @@ __all__ = [
     "act",
     "bite",
     "consume",
+    "drop",
     "give",
     "go_to",
     "gym_env",
@@ -96,6 +99,7 @@ __all__ = [
     "parallel_env",
     "rest",
     "sleep",
+    "take",
     "turn",
 ]
 __version__ = "0.2.0.dev0"

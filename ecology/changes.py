@@ -98,6 +98,9 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     for name, least in (("age", 0.0), ("hold", 0.0)):
         if name in changed:
             _hold(name, changed[name], changed[name] >= least, "at least 0")
+    if "load" in changed and model.hauling is not None:
+        load = changed["load"]
+        _hold("load", load, (load >= 0) & (load <= model.hauling.most), "from 0 to what its species carries")
     for name in powers.SHARES:
         if name in changed:
             _hold(name, changed[name], (changed[name] >= 0) & (changed[name] <= 1), "from 0 to 1")

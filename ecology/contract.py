@@ -381,6 +381,10 @@ def account_closes(env: Ecology, first: State) -> None:
         bool((np.abs(stored - now.stock[finite]) <= ROUNDING * through).all()),
         f"tick {now.tick}: the stocks are {now.stock[finite]}, their accounts say {stored}.",
     )
+    if now.load is not None and env.world.model.hauling is not None:
+        most = env.world.model.hauling.most * now.alive[:, None]
+        good = (now.load >= 0) & (now.load <= most * (1 + ROUNDING))
+        require(bool(good.all()), f"tick {now.tick}: a body carries less than nothing or more than it can, {now.load}.")
     require(bool((now.stock >= 0).all()), f"tick {now.tick}: a stock is below zero, {now.stock}.")
     eaten, ingested = float(now.eaten.sum()), float(now.ingested.sum())
     require(

@@ -104,11 +104,10 @@ def start_lives(model: Model, state: State, new: Ints, position: Floats, heading
     state.fatal_need[new], state.killer[new] = -1, -1
     state.position[new], state.heading[new] = position, wrap(heading)
     state.hold[new], state.bound_for[new] = 0.0, -1
-    if state.traces is not None or state.failed is not None:  # it remembers nothing, and its senses work
-        for name in ("traces", "failed"):
-            if getattr(state, name) is not None:
-                state.own(name)
-                getattr(state, name)[new] = 0
+    for name in ("traces", "failed", "load"):  # it remembers nothing, its senses work, and its hands are empty
+        if getattr(state, name) is not None:
+            state.own(name)
+            getattr(state, name)[new] = 0
     state.action[new] = model.tables[int(model.species_of[new[0]])].rest
 
 

@@ -16,6 +16,7 @@ from ecology.empathy import Coupling
 from ecology.errors import EcologyError, nearest
 from ecology.fields import Fields, compile_fields
 from ecology.ground import Ground, Plane, ground_of
+from ecology.hauling import Hauling, compile_hauling
 from ecology.physiology import Body
 from ecology.powers import Slot, compile_memory
 from ecology.resources import ResourceTable
@@ -80,6 +81,7 @@ class Model:
     grows: bool  # whether anyone can be born
     appearing: Appearing | None  # patches that spoil, come and go
     memory: Mapping[str, Slot]  # where the rule finds its own state, by name
+    hauling: Hauling | None
     fields: Fields | None
     doors: Doors | None
 
@@ -193,6 +195,7 @@ def compile_model(scenario: Scenario) -> Model:
         grows=any(s.grows for s in species),
         appearing=compile_appearing(scenario, patches, {g.name: g.slots for g in groups.values()}, width),
         memory=compile_memory(scenario.memory),
+        hauling=compile_hauling(species, kinds, {g.name: g.slots for g in groups.values()}, patches),
         fields=compile_fields(scenario.fields, species, ground, patches, {g.name: g.slots for g in groups.values()}),
         doors=Doors(arena.doors) if arena.doors else None,
     )

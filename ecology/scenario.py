@@ -201,12 +201,24 @@ class Scenario:
                 f"{owner}: action {action.name!r} names the resource {action.resource!r}. "
                 f"{nearest(str(action.resource), resources)}",
             )
+            for name in (action.into, action.resource if action.kind in ("take", "drop") else None):
+                require(
+                    name is None or name in resources,
+                    f"{owner}: action {action.name!r} names the resource {name!r}. {nearest(str(name), resources)}",
+                )
+            require(
+                action.kind not in ("take", "drop") or action.resource in species.carries,
+                f"{owner}: action {action.name!r} hauls {action.resource!r}, which the species does not carry; give it "
+                "carries={resource: most}.",
+            )
             require(
                 action.kind != "consume" or action.resource in unlimited or self._feeds(species, action),
                 f"{owner}: action {action.name!r} takes nothing out of the finite stock of {action.resource!r}, "
                 "because it raises no need that can lie below its set point; give such an intake, or leave the "
                 "stock unlimited.",
             )
+        for name in species.carries:
+            require(name in resources, f"{owner}: carries names the resource {name!r}. {nearest(name, resources)}")
         for sense in species.senses:
             if not isinstance(sense, str):
                 continue

@@ -15,7 +15,7 @@ from typing import Literal
 from ecology import typed
 from ecology.errors import EcologyError
 
-Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
+Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "take", "drop", "act"]
 Commitment = Literal["free", "committed"]
 Cause = Literal["need", "eaten", "hazard", "rule", "bitten"]
 
@@ -137,8 +137,8 @@ class Need:
 class Action:
     """One action as data: its control u, its motion, and when it is open.
 
-    Write actions with `rest`, `move`, `turn`, `sleep`, `consume`, `go_to`, `bite`, `give` and `act`, each of which
-    takes a `name`; without one, the action is called after what it does and to whom ("bite_prey").
+    Write actions with `rest`, `move`, `turn`, `sleep`, `consume`, `go_to`, `bite`, `give`, `take`, `drop` and `act`,
+    each of which takes a `name`; without one, the action is called after what it does and to whom ("bite_prey").
     """
 
     name: str
@@ -147,7 +147,9 @@ class Action:
     speed: float = 0.0  # forward, length per unit of time
     turn: float = 0.0  # radians per unit of time, positive to the left
     direction: float | None = None  # absolute direction of a move, radians; None: the heading
-    resource: str | None = None  # of consume and go_to
+    resource: str | None = None  # of consume, go_to, take and drop
+    into: str | None = None  # of drop: resource whose patch holds it then
+    amount: float = 0.0  # of take and drop: units per unit of time
     species: str | None = None  # of bite and give: whom
     reach: float = 0.0  # of bite and give: farthest distance between the centres, length
     chance: float = 1.0  # of bite: probability of success per unit of time
@@ -177,9 +179,20 @@ class Action:
         for rates in (self.control, self.opens_from, self.closes_at, self.emits):
             _finite(owner, **rates)
         require(
-            (self.resource is not None) == (self.kind in ("consume", "go_to")),
-            f"{owner}: consume and go_to name a resource, other actions do not.",
+            (self.resource is not None) == (self.kind in ("consume", "go_to", "take", "drop")),
+            f"{owner}: consume, go_to, take and drop name a resource, other actions do not.",
         )
+        hauls = self.kind in ("take", "drop")
+        _finite(owner, amount=self.amount)
+        require(
+            (self.amount > 0) == hauls,
+            f"{owner}: take and drop have an amount above 0 per unit of time, other actions have none, got "
+            f"{self.amount!r}.",
+        )
+        require(
+            (self.into is not None) == (self.kind == "drop"), f"{owner}: drop says into what, other actions do not."
+        )
+        require(self.duration == 0 or not hauls, f"{owner}: a {self.kind} has no duration, got {self.duration!r}.")
         meets = self.kind in ("bite", "give")
         require((self.species is not None) == meets, f"{owner}: bite and give name a species, other actions do not.")
         _finite(owner, reach=self.reach)
@@ -269,6 +282,40 @@ def give(
         species=species,
         gives=gives,
         reach=reach,
+        **rest_of,  # type: ignore[arg-type]
+    )
+
+
+def take(resource: str, amount: float, *, name: str | None = None, **rest_of: object) -> Action:
+    """Return the taking of `amount` per unit of time out of a patch of `resource`, into one's load.
+
+    It is open within the patch's circle while there is some and `Species.carries` leaves room. Where a stock is short,
+    those that take share it; those that eat come first.
+    """
+    return Action(
+        name=f"take_{resource}" if name is None else name,
+        kind="take",
+        resource=resource,
+        amount=amount,
+        **rest_of,  # type: ignore[arg-type]
+    )
+
+
+def drop(
+    resource: str, amount: float, *, into: str | None = None, name: str | None = None, **rest_of: object
+) -> Action:
+    """Return the putting down of `amount` per unit of time out of one's load of `resource`, as stock of `into`.
+
+    `into` is the same resource unless another is named, a store. It goes into the patch in whose circle one stands, as
+    far as it has room; without one, into a new patch there, if the patches of `into` come and go. It is open while
+    something is carried and there is a place for it.
+    """
+    return Action(
+        name=f"drop_{resource}" if name is None else name,
+        kind="drop",
+        resource=resource,
+        into=resource if into is None else into,
+        amount=amount,
         **rest_of,  # type: ignore[arg-type]
     )
 
@@ -899,6 +946,7 @@ class Species:
     arrival: float = 0.0  # newcomers from outside, per unit of time
     hazard: Hazard | None = None  # death by chance
     remains: Remains | None = None  # what is left of a body
+    carries: Mapping[str, float] = field(default_factory=dict)  # resource -> most that a body carries of it, units
     radius: float = 0.1  # of the body, length
     solid: bool = True  # whether the bodies of others are in its way
     view_angle: float = 2 * math.pi  # of the view field, radians
@@ -936,6 +984,11 @@ class Species:
             f"{owner}: capacity must be a whole number of at least the count {self.count!r}, got {self.capacity!r}.",
         )
         _finite(owner, arrival=self.arrival)
+        _finite(owner, **{f"carries[{name!r}]": most for name, most in self.carries.items()})
+        require(
+            all(most > 0 for most in self.carries.values()),
+            f"{owner}: the most that it carries must be positive, got {dict(self.carries)!r}.",
+        )
         require(self.arrival >= 0, f"{owner}: arrival must not be negative, got {self.arrival!r}.")
         require(
             self.arrival == 0 or self.slots > 0,

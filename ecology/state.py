@@ -69,6 +69,7 @@ class State:
     traces: Floats | None = None  # (N, T) fading memories, by the columns that each species gives them
     misread: Floats | None = None  # (N, F) noise of faulty senses in this tick, in standard deviations
     failed: Bools | None = None  # (N, F) faulty senses that read nothing
+    load: Floats | None = None  # (N, K) carried of each resource, units of its stock
     grid: Floats | None = None  # (M,) the fields that change, a value per cell, one field after the other
     doors: Bools | None = None  # (D,) open
     sight: Floats | None = None  # (N,) share of its view range that the rule lets it see

@@ -17,6 +17,7 @@ from ecology import (
     doors,
     empathy,
     fields,
+    hauling,
     life,
     meetings,
     neighbours,
@@ -115,6 +116,7 @@ class ArrayWorld:
         state.returned += put_back
         # resources: bodies that eat from one stock share it
         ingested, eaten = resources.eat(model, state, seen, deeds.control)
+        hauling.haul(model, state, seen, eaten)
         # meetings: bites, gifts, crowding, the scenario's own rule
         met = meetings.meet(model, state, seen, deeds.control, rng)
         if model.fields is not None:
@@ -133,6 +135,7 @@ class ArrayWorld:
         resources.renew(model, state, eaten, rng)
         if model.appearing is not None or met.outcome is not None:
             appearing.renew(model, state, died, met, rng)
+        hauling.fall(model, state, died)
         fields.advance(model, state)
         # time
         state.tick += 1
@@ -164,6 +167,7 @@ class ArrayWorld:
         targets = meetings.aim(model, state, pairs)
         empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, here, toward, targets)
+        hauling.close_actions(model, state, here, masks)
         return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes)
 
     def _sense(self, state: State) -> None:
@@ -425,6 +429,7 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         closed=np.zeros(n, np.int64),
         **_first_senses(model),
         memory=powers.first_memory(model.scenario.memory),
+        load=None if model.hauling is None else np.zeros_like(model.hauling.most),
         grid=fields.first_grid(model.fields),
         doors=doors.first_doors(model.scenario.arena),
     )

@@ -32,16 +32,18 @@ SECONDS = 30.0  # of the clock between parts, at most
 DEEDS = "interventions"  # column of a run with any: those since the last sampled tick
 FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action", DEEDS)
 MEASURE = "measures."  # before the name of a scenario's measure
+LOAD = "load."  # before the name of what is carried
 
 
 class Recorder:
     """Writes ticks, bodies, internal states and the minds' own numbers to `metrics.parquet`.
 
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
-    name, drive (what is felt of others included), own_drive (without that), reward, action, one per
-    measure of the scenario (`measures.NAME`, the same in every row of a tick), and one per number that
-    a mind reports. A run in which somebody intervened has `interventions` too: those since the last sampled tick, null
-    where there was none. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
+    name, drive (what is felt of others included), own_drive (without that), reward, action, one
+    per resource that somebody carries (`load.NAME`), one per measure of the scenario (`measures.NAME`, the same in
+    every row of a tick), and one per number that a mind reports. A run in which somebody intervened has
+    `interventions` too: those since the last sampled tick, null where there was none. A variable that a
+    species does not have is null. Memory is bounded by `ROWS` rows.
     """
 
     def __init__(
@@ -74,6 +76,8 @@ class Recorder:
         needs = list(dict.fromkeys(need.name for s in species for need in s.needs))
         check_columns(env.scenario, minds)
         self._scenario = env.scenario
+        carried = {name for s in species for name in s.carries}
+        self._hauled = [k for k, r in enumerate(env.scenario.resources) if r.name in carried]
         self._groups = [(group.name, group.slots) for group in env.groups.values()]
         self._species_of = np.repeat(np.arange(len(species)), counts)
         self._species = np.array([s.name for s in species])
@@ -124,6 +128,9 @@ class Recorder:
             "reward": tick.reward[slots],
             "action": tick.action[slots],
         }
+        if state.load is not None:
+            for k in self._hauled:
+                rows[LOAD + self._scenario.resources[k].name] = state.load[slots, k]
         for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
             rows[MEASURE + name] = np.full(len(slots), measured)
         if self._deeds:
@@ -224,6 +231,7 @@ class Recorder:
             "own_drive": number(rows["own_drive"]),
             "reward": number(rows["reward"]),
             "action": word(self._action_at[species, rows["action"]], self._actions),
+            **{name: number(rows[name]) for name in rows if name.startswith(LOAD)},
             **{name: pa.array(rows[name]) for name in rows if name.startswith(MEASURE)},
             **{name: pa.array(rows[name].tolist(), pa.string()) for name in rows if name == DEEDS},
         }

@@ -18,6 +18,7 @@ from ecology.senses.felt import Felt
 from ecology.senses.gauge import FieldSense
 from ecology.senses.heading import Heading
 from ecology.senses.hearing import Signals
+from ecology.senses.load import Load
 from ecology.senses.others import Others
 from ecology.senses.patches import Patches
 from ecology.senses.position import Position
@@ -29,7 +30,12 @@ from ecology.state import Bools, Floats, Ints, State
 if TYPE_CHECKING:
     from ecology.model import Model
 
-SENSES: dict[str, type[Sense]] = {"position": Position, "heading": Heading, "clock": Clock}  # of `Species.senses`
+SENSES: dict[str, type[Sense]] = {
+    "position": Position,
+    "heading": Heading,
+    "clock": Clock,
+    "load": Load,
+}  # of `Species.senses`
 MADE: dict[type, Callable[[Perceiver, Any], Sense]] = {  # of its senses that say more than a name
     Gauge: FieldSense,
     Rays: Walls,

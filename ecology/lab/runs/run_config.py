@@ -113,9 +113,9 @@ LATER: Mapping[str, Mapping[str, Any]] = {
     "Arena": {"holes": (), "doors": ()},
     "Resource": {"decay": 0.0, "gone_below": None, "present": None, "seeding": None},
     "Scenario": {"memory": {}, "fields": ()},
-    "Species": {"remains": None, "exposures": (), "faults": ()},
+    "Species": {"remains": None, "exposures": (), "faults": (), "carries": {}},
     "Neighbours": {"action": False, "kin": False, "identity": 0},
-    "Action": {"emits": {}},
+    "Action": {"emits": {}, "into": None, "amount": 0.0},
 }
 
 
