@@ -86,7 +86,7 @@ def refuse_with(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
             word = name if name.isupper() else f"--{name.replace('_', '-')}"
-            raise EcologyError(f"{option} goes on with a run as it was told; leave out {word}, or start a run anew.")
+            raise EcologyError(f"{option} continues a run with its own settings; leave out {word}, or start a new run.")
 
 
 def read_setting(text: str) -> tuple[str, Any]:

@@ -149,7 +149,7 @@ def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
         try:
             ledger.do(case, part)
         except (KeyboardInterrupt, StoppedError):
-            console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
+            console.print(f"stopped; what is done is kept in {out}, the same command resumes", soft_wrap=True)
             raise StoppedError(signal.SIGINT) from None
         left -= part.seconds
     found = {case.name: ledgers.rows(case, ledger) for case in cases}

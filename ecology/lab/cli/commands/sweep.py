@@ -164,7 +164,7 @@ def _live(
             sweeps.live(waiting, attempt, workers, tell)
         except StoppedError as stopped:
             if not quiet:
-                print(f"stopped by {stopped}; go on with the same command")
+                print(f"stopped by {stopped}; the same command resumes")
             raise
         finally:
             done = [outcome for outcome in outcomes if outcome.summary is not None]
