@@ -137,7 +137,9 @@ def _drop(model: Model, state: State, who: Ints, kind: int, into: int, most: flo
     patch = _store_of(model, state, who, into)
     stored = patch >= 0
     if stored.any():
-        part, put = resources.share(wanted[stored], patch[stored], model.resources.capacity - state.stock)
+        stays = np.isinf(state.stock)
+        room = np.where(stays, np.inf, model.resources.capacity - np.where(stays, 0.0, state.stock))
+        part, put = resources.share(wanted[stored], patch[stored], room)
         state.load[who[stored], kind] -= wanted[stored] * part
         _change(state, put)
     state.load[who[~stored], kind] -= _put_down(model, state, into, who[~stored], wanted[~stored])

@@ -205,6 +205,10 @@ class Picture:
         ]
         shades = [_unit(c) for c in resource_colours(scenario)]
         found += [dot(r.name, (*c, 0.45), c) for r, c in zip(scenario.resources, shades, strict=True) if r.count > 1]
+        found += [
+            Line2D([], [], marker="s", ls="", mfc=_unit(places.field_colour(i)), mec="none", label=each.name)
+            for i, each in enumerate(scenario.fields)
+        ]
         signs: dict[str, Any] = {"born": {"marker": "o", "ls": "", "mfc": "none"}, "died": {"marker": "x", "ls": ""}}
         found += [  # bites and gifts are lines
             Line2D([], [], color=SHADES[kind], label=shapes.KINDS[kind], **signs.get(kind, {}))

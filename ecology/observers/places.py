@@ -43,10 +43,15 @@ def _level(one: Compiled, state: State, plane: Plane, grid: Grid) -> np.ndarray:
     return (255 * share).round().astype(np.uint8)
 
 
+def field_colour(index: int) -> tuple[int, int, int]:
+    """Return the colour of a field by its place in the scenario."""
+    return SHADES[index % len(SHADES)]
+
+
 def image(level: np.ndarray, index: int) -> np.ndarray:
     """Return the picture of a field, uint8 (rows, columns, 4): the stronger it is, the less shines through."""
     found = np.empty((*level.shape, 4), np.uint8)
-    found[..., :3] = SHADES[index % len(SHADES)]
+    found[..., :3] = field_colour(index)
     found[..., 3] = level.astype(np.uint16) * OPAQUE // 255
     return found
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ecology.model import Group
-from ecology.observers import colours, maps, shapes
+from ecology.observers import colours, maps, places, shapes
 from ecology.scenario import Scenario
 from ecology.spec import Species
 
@@ -88,6 +88,7 @@ class Scene:
         found = [(name, self.colour(name)) for name in self.groups] if self.mixed else []
         shades = colours.resource_colours(self.scenario)
         found += [(r.name, s) for r, s in zip(self.scenario.resources, shades, strict=True) if r.count > 1]
+        found += [(each.name, places.field_colour(i)) for i, each in enumerate(self.scenario.fields)]
         found += [(shapes.KINDS[kind], MARKED[kind]) for kind in self.marks]
         return found
 
