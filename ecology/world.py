@@ -255,6 +255,8 @@ class ArrayWorld:
             setattr(state, name, value)
         state.next_serial = max(state.next_serial, int(state.serial.max(initial=-1)) + 1)
         state.position = model.plane.home(state.position)
+        if state.load is not None and "alive" in values:  # the dead carry nothing
+            state.load = np.where(state.alive[:, None], state.load, 0.0)
         if "doors" in values:
             self._fit(state)
         elif values.keys() & {"position", "alive"}:  # the solver remembers contacts of another place

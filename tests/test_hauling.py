@@ -195,3 +195,11 @@ def test_metrics_have_the_load(tmp_path):
     table = read(tmp_path / "metrics.parquet")
     assert [name for name in table.column_names if name.startswith("load.")] == ["load.nuts"]
     assert table["load.nuts"].to_pylist()[-1] == pytest.approx(env.state_view.load[0, 0])
+
+
+def test_a_body_that_is_removed_carries_nothing():
+    """An intervention that ends a life between two ticks loses the load with it."""
+    env = world(nuts(), count=2)
+    lived(env, 2, agent="take_nuts")
+    env.put(alive=np.array([True, False]))
+    assert env.state_view.load[:, 0].tolist() == pytest.approx([0.8, 0.0])
