@@ -82,6 +82,11 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
         if not good.all():
             slot, need = np.argwhere(~good)[0]
             _hold("internal", x, good, f"within the bounds of the need, {low[slot, need]:g} to {high[slot, need]:g}")
+    if "set_point" in changed:
+        x = changed["set_point"]
+        _hold("set_point", x, (x >= body.least) & (x <= body.most), "within the set_range of the need")
+    if "cue" in changed:
+        _hold("cue", changed["cue"], (changed["cue"] >= 0) & (changed["cue"] <= 1), "from 0 to 1")
     if changed.keys() & {"position", "alive"}:
         place = changed.get("position", state.position)
         _hold("position", place, inside(scenario, place) | ~alive, "inside the arena")

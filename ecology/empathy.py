@@ -150,7 +150,7 @@ def _shuffled(weight: Floats, alive: Bools, ring: Ints, others: Ints, mine: Ints
 def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats:
     """Return what is felt of others, (n, V), by one's own columns (sum form: in column 0) for weights (n, m)."""
     others, rows = coupling.others, coupling.rows
-    delta = physiology.deviation(body, state.internal)
+    delta = physiology.deviation(body, state.internal, state.set_point)
     felt = np.zeros((len(weight), delta.shape[1]))
     if coupling.empathy.form == "sum":
         theirs = physiology.drive(delta[others] * coupling.counts, body.epsilon[others], body.exponent[others])
@@ -170,7 +170,7 @@ def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints, 
     The dead feel what they felt last: to die is no relief.
     """
     body, last = model.body, (state.drive, state.felt)
-    delta = physiology.deviation(body, state.internal)
+    delta = physiology.deviation(body, state.internal, state.set_point)
     state.own_drive = state.drive = physiology.drive(delta, body.epsilon, 1.0 if body.straight else body.exponent)
     if not model.couplings:
         return

@@ -89,6 +89,9 @@ def start_lives(model: Model, state: State, new: Ints, position: Floats, heading
     state.lost[new] += state.internal[new]
     state.received[new] += start
     state.internal[new] = start
+    if state.set_point is not None:
+        state.own("set_point")
+        state.set_point[new] = model.body.set_point[new]
     state.serial[new] = state.next_serial + np.arange(len(new))
     state.next_serial += len(new)
     state.alive[new], state.age[new], state.cause[new], state.parent[new] = True, 0.0, 0, -1

@@ -15,7 +15,7 @@ from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, Plane, ground_of
 from ecology.physiology import Body
 from ecology.resources import ResourceTable
-from ecology.scenario import Scenario
+from ecology.scenario import Scenario, puts
 from ecology.senses import Gaze, Layout
 from ecology.sight import Eyes, compile_eyes
 from ecology.spec import Species
@@ -59,6 +59,7 @@ class Model:
     gazes: tuple[Gaze, ...]  # by species
     needs: Mapping[str, tuple[str, ...]]  # names by species, in the order of the columns
     patches: Mapping[str, slice]  # rows of the patches, by resource
+    cues: Mapping[str, int]  # places of the cues, by name
     body: Body
     eyes: Eyes
     resources: ResourceTable
@@ -100,6 +101,19 @@ class Model:
             found.append((s, range(start, start + s.count)))
             start += s.count
         return found
+
+    def like(self, other: Model) -> str:
+        """Return in words where another model needs a state or senses of another shape, "" where it needs none."""
+        for name, group in self.groups.items():
+            theirs = other.groups[name]
+            if (group.slots, group.actions) != (theirs.slots, theirs.actions):
+                return f"the slots of {name}"
+            mine, changed = group.layout, theirs.layout
+            if any(not np.array_equal(getattr(mine, part), getattr(changed, part)) for part in ("low", "high", "scale")):
+                return f"the range of what {name} perceives"
+            if (mine.epsilon, mine.exponent) != (changed.epsilon, changed.exponent):
+                return f"the drive that {name} know"
+        return "" if self.patches == other.patches else "the patches"
 
     def with_finite_stocks(self) -> Model:
         """Return this model with stocks that can run out, also where the scenario has unlimited ones only."""
@@ -148,6 +162,7 @@ def compile_model(scenario: Scenario) -> Model:
         gazes=gazes,
         needs={s.name: tuple(need.name for need in s.needs) for s in species},
         patches=dict(zip([r.name for r in kinds], _blocks([r.count for r in kinds]), strict=True)),
+        cues={cue.name: i for i, cue in enumerate(scenario.cues)},
         body=body,
         eyes=compile_eyes(species, ground, kinds),
         resources=resources.compile_resources(kinds, arena, species),
@@ -164,7 +179,7 @@ def compile_model(scenario: Scenario) -> Model:
         mortal=body.deadly
         or scenario.rule is not None
         or any(s.hazard is not None or any(a.kind == "bite" for a in s.actions) for s in species),
-        grows=any(s.grows for s in species),
+        grows=any(s.grows for s in species) or puts(scenario),
     )
 
 

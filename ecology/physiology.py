@@ -38,6 +38,8 @@ class Body:
     noise: Floats  # (n, V) per square root of a unit of time
     low: Floats  # (n, V) bounds
     high: Floats  # (n, V)
+    least: Floats  # (n, V) set points that it can have
+    most: Floats  # (n, V)
     lethal: Bools  # (n, V)
     regulated: Floats  # (n, V) 1 where the deviation counts in the drive
     epsilon: Floats  # (n,) of the drive
@@ -47,6 +49,7 @@ class Body:
     leaks: bool  # whether any rate is proportional to x
     noisy: bool
     deadly: bool
+    moves: bool  # whether any set point can move: they are in the state then
 
 
 def compile_bodies(species: Sequence[Species], width: int) -> Body:
@@ -76,6 +79,8 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
         noise=noise,
         low=rows(lambda need: need.low),
         high=rows(lambda need: need.bounds[1]),
+        least=rows(lambda need: need.set_points[0]),
+        most=rows(lambda need: need.set_points[1]),
         lethal=lethal,
         regulated=rows(lambda need: need.regulated),
         epsilon=np.repeat([s.drive_epsilon for s in species], [s.slots for s in species]),
@@ -85,6 +90,7 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
         leaks=bool(leak.any() or proportional.any()),
         noisy=bool(noise.any()),
         deadly=bool(lethal.any()),
+        moves=any(need.set_range is not None for s in species for need in s.needs),
     )
 
 
@@ -96,9 +102,14 @@ def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0
     return root if np.all(exponent == 1.0) else elementary.power(root, exponent)
 
 
-def deviation(body: Body, internal: Floats) -> Floats:
-    """Return delta = x - x* of the regulated needs, 0 for the others, (n, V)."""
-    return (internal - body.set_point) * body.regulated
+def set_points(body: Body, state: State) -> Floats:
+    """Return x* as it is now, (n, V)."""
+    return body.set_point if state.set_point is None else state.set_point
+
+
+def deviation(body: Body, internal: Floats, set_point: Floats | None = None) -> Floats:
+    """Return delta = x - x* of the regulated needs, 0 for the others, (n, V); x* is the scenario's if not given."""
+    return (internal - (body.set_point if set_point is None else set_point)) * body.regulated
 
 
 def velocity(body: Body, internal: Floats, control: Floats, time: float, age: Floats) -> Floats:

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ecology import typed
+from ecology import typed, verbs
 from ecology.errors import EcologyError, nearest
 from ecology.ground.outline import polygon_of
 from ecology.meetings import Rule
 from ecology.resources import consumers, too_far
 from ecology.senses import SENSES, layout
-from ecology.spec import Action, Arena, Drift, Oscillation, Relocation, Resource, Species, require
+from ecology.spec import Action, Arena, Cue, Drift, Event, Oscillation, Relocation, Resource, Session, Species, require
 from ecology.state import State
 
 SHORTEST = 1e-9  # units of time that a tick lasts at least: what is divided by it stays a number
@@ -32,6 +32,9 @@ class Scenario:
     dt: float = 1.0  # length of a tick, in units of time
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
+    cues: tuple[Cue, ...] = ()  # lights and tones
+    schedule: tuple[Event, ...] = ()  # what happens at set times, in this order where at the same
+    sessions: tuple[Session, ...] = ()  # trials one after the other, from time 0 on
     rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
     measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
@@ -52,6 +55,8 @@ class Scenario:
         for what, names in (
             ("species", [species.name for species in self.species]),
             ("resource", [resource.name for resource in self.resources]),
+            ("cue", [cue.name for cue in self.cues]),
+            ("session", [session.name for session in self.sessions]),
         ):
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, f"{owner}: every {what} needs a name of its own, {twice} appear twice.")
@@ -66,6 +71,13 @@ class Scenario:
             self._check_others(species)
         for species in self.species:
             self._check_species(species)
+        for event in self.events:
+            verbs.check(self, event.do)
+
+    @property
+    def events(self) -> list[Event]:
+        """Return all events, those of sessions last."""
+        return [*self.schedule, *(event for session in self.sessions for event in session.events)]
 
     def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[type[Scenario], bytes]]:
         """Pickle the functions of a scenario file by value: no other process has loaded that file.
@@ -172,6 +184,9 @@ class Scenario:
             SENSES[sense].check(owner, self.day)
         for name in species.sees:
             require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
+        for name in species.cues:
+            cues = [cue.name for cue in self.cues]
+            require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
         for need in species.needs:
             fastest = (
                 need.leak - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
@@ -266,6 +281,11 @@ class Scenario:
     @staticmethod
     def _feeds(species: Species, action: Action) -> bool:
         return any(action.control.get(need.name, 0.0) > 0 and need.low < need.set_point for need in species.needs)
+
+
+def puts(scenario: Scenario) -> bool:
+    """Return whether the schedule of a scenario lets agents live that were not born."""
+    return any(verbs.split(event.do)[0] == "put" for event in scenario.events)
 
 
 def _restored(cls: type[Scenario], values: dict[str, Any]) -> Scenario:

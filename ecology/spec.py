@@ -1,4 +1,4 @@
-"""The frozen words of a scenario: Need, Action, Species (Birth, Hazard, Neighbours, Empathy), Resource, Arena.
+"""The frozen words of a scenario: Need, Action, Species (Birth, Hazard, Neighbours, Empathy), Resource, Arena, Event.
 
 Everything a user writes is per unit of time (rates, speeds) and in units of the plane (lengths).
 Each word checks itself; `scenario.Scenario` checks that the words fit together.
@@ -80,6 +80,7 @@ class Need:
     floor: float = -math.inf  # x is raised to it; unlike the bounds it may lie above the set point
     lethal: bool = False  # leaving the bounds kills instead of being clamped
     regulated: bool = True  # whether the deviation counts in the drive
+    set_range: tuple[float, float] | None = None  # within which the set point may move; None: it stays
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -114,6 +115,19 @@ class Need:
             f"{owner}: the floor {self.floor!r} must not lie above the start {self.x0!r}, and a lethal need "
             "has none: its bounds are where it dies.",
         )
+        self._check_range(owner)
+
+    def _check_range(self, owner: str) -> None:
+        if self.set_range is None:
+            return
+        require(len(self.set_range) == 2, f"{owner}: set_range is (lowest, highest), got {self.set_range!r}.")
+        _finite(owner, **{"set_range[0]": self.set_range[0], "set_range[1]": self.set_range[1]})
+        lowest, highest = self.set_range
+        require(
+            self.bounds[0] <= lowest <= self.set_point <= highest <= self.bounds[1] and lowest < highest,
+            f"{owner}: set_range must be (lowest, highest) within the bounds {self.bounds!r} and include the set point "
+            f"{self.set_point!r}, got {self.set_range!r}.",
+        )
 
     @property
     def x0(self) -> float:
@@ -124,6 +138,17 @@ class Need:
     def low(self) -> float:
         """Return the lowest value: the lower bound, or the floor where that lies higher."""
         return max(self.bounds[0], self.floor)
+
+    @property
+    def set_points(self) -> tuple[float, float]:
+        """Return the lowest and the highest set point that it can have."""
+        return (self.set_point, self.set_point) if self.set_range is None else self.set_range
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Return the lowest and the highest deviation x - x*, wherever the set point is."""
+        lowest, highest = self.set_points
+        return self.low - highest, self.bounds[1] - lowest
 
     @property
     def scale(self) -> float:
@@ -563,6 +588,82 @@ class Empathy:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Cue:
+    """A light, a tone: a number that everybody of a species with it among its `cues` senses, wherever it is.
+
+    Only interventions change it: `show NAME VALUE`, mostly in the schedule.
+    """
+
+    name: str
+    start: float = 0.0  # shown at the start, from 0 to 1
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _words(f"cue {self.name!r}", self.name)
+        require(0 <= self.start <= 1, f"cue {self.name!r}: start must lie from 0 to 1, got {self.start!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """An intervention that the scenario itself makes, `at` a time, and `every` so often from then on.
+
+    `do` is one line, such as "empty food", "move food 1 2", "set prey energy 1" or "show light on": see the guide on
+    interventions. It is done between two ticks, after the tick that ends nearest to its time.
+    """
+
+    do: str
+    at: float = 0.0  # time; in a session, since its trial began
+    every: float | None = None  # time between two of them; None: it happens once
+    until: float = math.inf  # time of the last one; in a session, since its trial began
+    felt: bool = True  # whether agents experience what it does, in reward and learning, as any other change
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"event {self.do!r}"
+        _finite(owner, at=self.at)
+        require(self.at >= 0, f"{owner}: at must not be negative, got {self.at!r}.")
+        if self.every is not None:
+            _finite(owner, every=self.every)
+            require(self.every > 0, f"{owner}: every must be positive, got {self.every!r}; leave it out for once.")
+        require(
+            self.until >= self.at and (self.every is not None or self.until == math.inf),
+            f"{owner}: until is the time of the last of several, not before at = {self.at!r}, got {self.until!r} with "
+            f"every = {self.every!r}.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """A number of trials, one after the other: in each, the same events happen at the same times since it began.
+
+    Sessions follow each other in the order of the scenario, the first from time 0 on. The beginning of a trial is an
+    event too. After the last session nothing more happens.
+    """
+
+    name: str
+    length: float  # of a trial, time
+    trials: int = 1
+    events: tuple[Event, ...] = ()
+    gap: float = 0.0  # after every trial, time; its mean where it is random
+    random: bool = False  # whether the gap is drawn: exponentially distributed
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"session {self.name!r}"
+        _words(owner, self.name)
+        _finite(owner, length=self.length, gap=self.gap)
+        require(self.length > 0, f"{owner}: the length of a trial must be positive, got {self.length!r}.")
+        require(self.trials >= 1, f"{owner}: trials must be a whole number of at least 1, got {self.trials!r}.")
+        require(self.gap >= 0, f"{owner}: gap must not be negative, got {self.gap!r}.")
+        require(self.gap > 0 or not self.random, f"{owner}: a random gap needs its mean, got {self.gap!r}.")
+        for event in self.events:
+            require(
+                event.at < self.length,
+                f"{owner}: the event {event.do!r} at {event.at!r} lies after the end of a trial of {self.length!r}.",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Species:
     """A kind of agent: its needs, its actions, its body, its senses and who learns in it."""
 
@@ -580,6 +681,7 @@ class Species:
     view_range: float = math.inf  # of the view field, length
     senses: tuple[str, ...] = ("position", "heading")  # e, after the deviations in zeta
     sees: tuple[str, ...] = ()  # resources: distance, bearing and fullness of the nearest patch that is seen
+    cues: tuple[str, ...] = ()  # cues of the scenario that it senses
     neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
     opens: tuple[str, ...] = ()  # needs whose deviations others can sense
     empathy: Empathy | None = None

@@ -63,9 +63,12 @@ class State:
     lost: Floats  # (N, V) beyond the bounds, in the tick of death, or a body's rest; negative: held up by a bound
     returned: int  # times that the arena's guarantee put a body back inside
     closed: Ints  # (N,) closed actions asked for so far, each replaced
+    # there only in worlds that use them, else None
+    set_point: Floats | None = None  # (N, V) x*, where it moves
+    cue: Floats | None = None  # (C,) what is shown of every cue, from 0 to 1
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return the array fields by name."""
+        """Return the array fields by name; those that this world does not use are left out."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,13 @@ from ecology import (
 )
 from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
-from ecology.model import Model
+from ecology.model import Model, compile_model
+from ecology.paths import changed
 from ecology.physics import Physics, velocities
 from ecology.senses import Perception
 from ecology.spec import require
 from ecology.state import Bools, Floats, Ints, State
+from ecology.verbs import MissingError
 
 # one random stream each; new ones come last
 CONCERNS = ("birth", "noise", "availability", "motion", "meeting", "offspring", "hazard", "rule", "lesion")
@@ -57,7 +60,9 @@ class ArrayWorld:
 
     def __init__(self, model: Model) -> None:
         """Build a world of `model`; it starts with `reset`."""
-        self.model = model
+        self.model = self._first = model
+        self.changes: dict[str, float] = {}  # numbers of the scenario that were changed since, by path
+        self.resting: Bools | None = None  # (N,) slots that nobody takes, though free
         self.seed: int | None = None  # of the last reset
         self.turnover = 0  # changes of who lives, so far
         self.reweighed: dict[str, float] = {}  # species -> factor of what it feels of others, 1 where not named
@@ -79,6 +84,8 @@ class ArrayWorld:
 
     def reset(self, seed: int) -> Tick:
         """Start from `seed` and return the first observations."""
+        if self.changes:
+            self.model, self.changes = self._first, {}
         model = self.model
         self.seed, self.reweighed = seed, {}
         streams = np.random.SeedSequence(seed).spawn(len(CONCERNS))
@@ -227,12 +234,13 @@ class ArrayWorld:
         """Let one more agent live between ticks, see `Ecology.settle`."""
         model, state = self.model, self.state.next()
         rows = model.group(species).slots
-        free = rows.start + np.flatnonzero(~state.alive[rows])
-        require(
-            free.size > 0,
-            f"all {model.groups[species].size} slots of {species!r} are taken; remove an agent, or raise the capacity "
-            "of the species in the scenario.",
-        )
+        empty = ~state.alive[rows] if self.resting is None else ~(state.alive | self.resting)[rows]
+        free = rows.start + np.flatnonzero(empty)
+        if not free.size:
+            raise MissingError(
+                f"all {model.groups[species].size} slots of {species!r} are taken; remove an agent, or raise the "
+                "capacity of the species in the scenario."
+            )
         require(
             bool(changes.inside(model.scenario, np.array([place], float))[0]),
             f"the place {place!r} lies outside the arena.",
@@ -262,20 +270,43 @@ class ArrayWorld:
         self.reweighed = {**self.reweighed, species: float(factor)}
         return self._resume(self.state.next())
 
+    def change(self, path: str, value: float) -> Tick:
+        """Change a number of the scenario between ticks, see `Ecology.change`."""
+        state = self.state.next()
+        self.model = self._changed(self.model, path, value)
+        self.changes = {**self.changes, path: float(value)}
+        self._touch(state)
+        return self._resume(state)
+
+    @staticmethod
+    def _changed(model: Model, path: str, value: float) -> Model:
+        """Return the model of the scenario with the number at `path` changed."""
+        found = compile_model(changed(model.scenario, path, value))
+        differ = model.like(found)
+        require(
+            not differ,
+            f"{path!r} cannot be changed between ticks, {differ} would be another; set it in the scenario, or change "
+            "another number.",
+        )
+        return found
+
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the world has become, see `Ecology.snapshot`."""
         state = self.state
         arrays = {name: array.copy() for name, array in state.arrays().items()}
-        plain = {f.name: getattr(state, f.name) for f in fields(state) if f.name not in arrays}
+        plain = _plain(state)
         arrays |= self._physics.memory()
         streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
         more = {"reweighed": dict(self.reweighed)} if self.reweighed else {}
+        more |= {"changes": dict(self.changes)} if self.changes else {}
         return arrays, {"seed": self.seed, "state": plain, "rng": streams, **more}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> Tick:
         """Become the world that `snapshot` returned, see `Ecology.restore`."""
-        fresh = ArrayWorld(self.model)
+        fresh = ArrayWorld(self._first)
         fresh.reset(values["seed"])
+        for path, value in values.get("changes", {}).items():
+            fresh.change(path, value)
         state = fresh.state.next()
         memory = fresh._physics.memory()  # of as many ticks as there were
         own = state.arrays() | {name: array[:0] for name, array in memory.items()}
@@ -298,6 +329,7 @@ class ArrayWorld:
             fresh._rng[name].bit_generator.state = stream
         fresh._physics.remember(arrays, self.model.dt)
         self.reweighed = dict(values.get("reweighed", {}))
+        self.model, self.changes = fresh.model, fresh.changes
         self.seed, self._rng, self.lesion_order, self._physics = (
             fresh.seed,
             fresh._rng,
@@ -314,6 +346,12 @@ class ArrayWorld:
         self._state = state
         self.turnover += 1
         return self._observe(np.zeros(self.model.size))
+
+
+def _plain(state: State) -> dict[str, Any]:
+    """Return the fields of a state that are no arrays; what this world does not use is None and left out."""
+    values = {f.name: getattr(state, f.name) for f in fields(state)}
+    return {name: value for name, value in values.items() if not isinstance(value, (np.ndarray, NoneType))}
 
 
 def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
@@ -363,4 +401,6 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         lost=nothing.copy(),
         returned=0,
         closed=np.zeros(n, np.int64),
+        set_point=model.body.set_point.copy() if model.body.moves else None,
+        cue=np.array([cue.start for cue in model.scenario.cues], float) if model.scenario.cues else None,
     )

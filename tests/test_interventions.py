@@ -14,7 +14,8 @@ from worlds import kind, square, start
 
 import ecology
 from ecology import EcologyError, Growth, Need, Oscillation, Resource, consume, move
-from ecology.interventions import USAGES, VERBS, intervene, split
+from ecology.interventions import VERBS, intervene
+from ecology.verbs import USAGES, split
 from ecology.lab.runs import interventions as logs
 from ecology.lab.runs import run as runs
 from ecology.lab.runs.run import Run, open_run

@@ -34,7 +34,7 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from ecology.errors import EcologyError
-from ecology.interventions import USAGES
+from ecology.verbs import USAGES
 from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, viewer_process
 from ecology.observers.wishes import AGENTS, Click
 

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ecology import physiology
 from ecology.empathy import own_weights
 from ecology.ground import Plane, plane_of
 from ecology.senses.base import Component, Perceiver, Perception, Sense
 from ecology.senses.clock import Clock
+from ecology.senses.cues import Cues
 from ecology.senses.deviations import Deviations
 from ecology.senses.felt import Felt
 from ecology.senses.heading import Heading
@@ -70,6 +72,7 @@ def compile_gaze(
         Felt(whose),
         *(SENSES[name](whose) for name in species.senses),
         *(Patches(whose, name) for name in species.sees),
+        Cues(whose),
         *(Others(whose, sensed) for sensed in species.neighbours),
     ]
     senses = [sense for sense in senses if sense.components]
@@ -126,9 +129,9 @@ def show_fatal_needs(
 
     The state keeps what a dead body stored before the tick, so that the account closes and death is no relief.
     """
-    body = model.body
+    body, set_point = model.body, physiology.set_points(model.body, state)
     x = np.where(np.isfinite(internal), np.clip(internal, body.low, body.high), state.internal)
     for group, species in model.species:
         rows, width = np.flatnonzero(died[group.slots]), len(species.needs)
         at = group.slots.start + rows
-        observations[group.name][rows, :width] = (x - body.set_point)[at, :width]
+        observations[group.name][rows, :width] = (x - set_point)[at, :width]

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecology.errors import EcologyError, readable
-from ecology.interventions import split
 from ecology.lab.runs.folder import INTERVENTIONS, replace_text
+from ecology.verbs import split
 
 
 @dataclass(frozen=True)

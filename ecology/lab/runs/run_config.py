@@ -108,7 +108,12 @@ PLAIN = {  # keys of config.toml that are not tables, and what they are
 }
 TABLES = ("settings", "learners", "forked", "made_with")
 # fields that are younger than checkpoints, which know nothing of them: left out where they hold their default
-LATER: Mapping[str, Mapping[str, Any]] = {"Arena": {"holes": ()}}
+LATER: Mapping[str, Mapping[str, Any]] = {
+    "Arena": {"holes": ()},
+    "Need": {"set_range": None},
+    "Scenario": {"cues": (), "schedule": (), "sessions": ()},
+    "Species": {"cues": ()},
+}
 
 
 def read_config(path: Path) -> dict[str, Any]:

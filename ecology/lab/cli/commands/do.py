@@ -24,7 +24,7 @@ def command(
     ],
 ) -> None:
     """Intervene in a run that is alive, between two of its ticks, and print what was done."""
-    from ecology.interventions import split
+    from ecology.verbs import split
     from ecology.lab.runs.folder import CONFIG, INTERVENTIONS, is_locked
     from ecology.observers.mailbox import request
 
