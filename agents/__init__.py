@@ -140,6 +140,7 @@ def load(
     epsilon: float = 0.05,
     device: str | None = None,
     source: str | None = None,
+    trust: bool = False,
 ) -> LoadedRun:
     """Return the world and the learners of a run folder, as its last checkpoint left them.
 
@@ -149,9 +150,10 @@ def load(
 
     A run of a scenario file runs the code of that file. If the file has changed since or is missing, EcologyError is
     raised unless `source` says which code to run: "kept", the copy in the run's folder, or "current", the file.
+    Code that you have not run before on this machine is run only with `trust`.
     """
     runs = importlib.import_module("ecology.lab.runs.run")  # the floor above, which knows run folders
-    run = runs.open_run(Path(folder), device=device, choice=source)
+    run = runs.open_run(Path(folder), device=device, choice=source, trust=trust)
     run.restore()
     if frozen:
         for learner in run.learners.values():

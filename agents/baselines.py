@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ecology import EcologyError, Group
+from ecology.agents import checkpoint
 from ecology.agents.base import Learner, Transition
 
 EXPLORES = 0.2  # share of random actions while one learns
@@ -101,6 +102,8 @@ class Averaging(Learner):
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned."""
+        for name, low in (("met", 0), ("mean", None)):
+            checkpoint.check_array(name, arrays[name], getattr(self, name), low=low)
         super().restore(arrays, values)
         self.met[:], self.mean[:] = arrays["met"], arrays["mean"]
         self.epsilon = values["epsilon"]

@@ -108,6 +108,29 @@ def read(folder: Path, *, previous: bool = False) -> dict[str, Part]:
     )
 
 
+def check_array(
+    name: str,
+    given: np.ndarray,
+    like: Any,
+    *,
+    finite: bool = True,
+    low: float | None = None,
+    below: float | None = None,
+) -> None:
+    """Raise EcologyError unless `given` has the shape and type of `like`, and values within what is said of them."""
+    shape, dtype = tuple(like.shape), np.dtype(str(like.dtype).removeprefix("torch."))
+    if given.shape != shape or given.dtype != dtype:
+        raise EcologyError(
+            f"the checkpoint does not fit: {name} has the shape {given.shape} and the type {given.dtype}, not {shape} "
+            f"and {dtype}; load it with the settings that it was written with."
+        )
+    good = np.isfinite(given) if finite else np.ones(shape, bool)
+    good &= (given >= low) if low is not None else True
+    good &= (given < below) if below is not None else True
+    if not good.all():
+        raise EcologyError(f"the checkpoint's {name} holds {given[~good].ravel()[0].item()!r}, which no run comes to.")
+
+
 def advice(folder: Path) -> str:
     """Return what to do where the checkpoint in `folder` cannot be used."""
     if previous_of(folder).is_dir():

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from ecology import EcologyError, Group, elementary
+from ecology.agents import checkpoint, kernels
 from ecology.agents import device as devices
-from ecology.agents import kernels
 from ecology.agents.base import DivergedError, Learner, Transition, drive_terms
 from ecology.agents.curiosity import Curiosity
 from ecology.agents.memory import Memory
@@ -673,13 +673,23 @@ class HJB(Learner):
         self._kept.clear()
         self.explores[:] = -1
         held, life = self._held(), self._life()
+        low = dict.fromkeys(("movement", "memory.movement", "trace.movement"), -1) | {"left": None}
+        below = dict.fromkeys(("movement", "memory.movement", "trace.movement"), self.count)
+        below |= {"stage": 2, "left": ARRIVES + 1, "marked": self.curiosity.capacity + 1}
         for name, here in (held | life).items():
-            shape = arrays[name].shape if name in arrays else None
-            if shape != tuple(here.shape):
-                raise EcologyError(
-                    f"the checkpoint does not fit the learner: {name} has the shape {shape}, the learner "
-                    f"{tuple(here.shape)}; load it with the settings that it was written with."
-                )
+            if name not in arrays:
+                raise EcologyError(f"the checkpoint does not fit the learner: it has no {name}.")
+            whole = arrays[name].dtype.kind == "i"
+            checkpoint.check_array(
+                name,
+                arrays[name],
+                here,
+                finite=name not in ("loss_f", "loss_j", "ahead.score"),
+                low=low.get(name, 0) if whole else None,
+                below=below.get(name),
+            )
+        if type(values["ticks"]) is not int or values["ticks"] < 0:
+            raise EcologyError(f"the checkpoint's ticks are a whole number of at least 0, got {values['ticks']!r}.")
         for name, array in held.items():
             array[...] = self.device.on(arrays[name])
         for name, array in life.items():

@@ -11,11 +11,12 @@ from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
 from ecology.ground.outline import polygon_of
 from ecology.model import Model
-from ecology.scenario import Scenario
+from ecology.scenario import FARTHEST, Scenario
 from ecology.spec import require
 from ecology.state import CAUSES, Bools, Floats, State
 
 ROUNDING = 1e-9  # share of a capacity by which a stock that has grown to it may exceed it
+SNAPSHOT = "the snapshot"  # in messages, what holds a wrong value
 WHAT = {"b": "True or False", "i": "whole numbers", "f": "numbers"}
 
 
@@ -114,6 +115,46 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     _names(changed, state, model, alive)
 
 
+def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -> None:
+    """Raise EcologyError where a state that was kept, and what the solver was `told`, is none that a world comes to.
+
+    A fork may change the arena, the bounds and the stocks of a scenario under a state, so those are not compared.
+    """
+    slots, patches, names = model.size, len(model.resources.stock), state.next_serial
+    for name, count in (("tick", state.tick), ("next_serial", names), ("returned", state.returned)):
+        good = type(count) is int and 0 <= count < 2**62
+        require(good, f"the snapshot's {name} is a whole number of at least 0, got {count!r}.")
+    require(
+        type(state.time) in (int, float) and 0.0 <= state.time < np.inf,
+        f"the snapshot's time is a number of at least 0, got {state.time!r}.",
+    )
+    arrays = {**state.arrays(), **told}
+    for name, value in arrays.items():
+        if value.dtype.kind == "f" and name != "stock":
+            _hold(name, value, np.isfinite(value), "finite", SNAPSHOT)
+    (left, bottom), (right, top) = model.scenario.arena.extent
+    reach = max(right - left, top - bottom)  # a fork may have moved the walls
+    for name in ("position", "resource_position", "told_position"):
+        near = (arrays[name] >= (left - reach, bottom - reach)) & (arrays[name] <= (right + reach, top + reach))
+        _hold(name, arrays[name], near, "in the arena", SNAPSHOT)
+    speed, fastest = told["told_velocity"], FARTHEST * model.radius.max(initial=0.0) / model.dt
+    _hold("told_velocity", speed, np.abs(speed) <= fastest * (1 + ROUNDING), f"at most {fastest:g}", SNAPSHOT)
+    _hold("stock", state.stock, state.stock >= 0, "at least 0", SNAPSHOT)
+    _hold("heading", state.heading, np.abs(state.heading) <= np.pi, "from -pi to pi", SNAPSHOT)
+    for name, low, high in (
+        ("age", 0, np.inf), ("hold", 0, np.inf), ("closed", 0, np.inf), ("action", 0, model.choices),
+        ("cause", 0, len(CAUSES)), ("fatal_need", -1, model.body.low.shape[1]), ("bound_for", -1, patches),
+        ("bit", -1, slots), ("gave", -1, slots), ("parent", -1, names), ("killer", -1, names), ("serial", -1, names),
+    ):  # fmt: skip
+        value = arrays[name]
+        _hold(name, value, (value >= low) & (value < high), "of its range", SNAPSHOT)
+    used, times = np.unique(state.serial[state.serial >= 0], return_counts=True)
+    require((times == 1).all(), f"the snapshot has the serials {used[times > 1].tolist()} twice.")
+    _hold("serial", state.serial, (state.serial >= 0) | ~state.alive, "at least 0 where alive", SNAPSHOT)
+    fits = ((state.cause > 0) == ~state.alive) | (state.serial < 0)
+    _hold("cause", state.cause, fits, "0 where alive and above 0 where dead", SNAPSHOT)
+
+
 def inside(scenario: Scenario, place: Floats) -> Bools:
     """Return which of `place` (n, 2) a scenario would allow, (n,); all where the arena is a torus."""
     if scenario.arena.torus:
@@ -143,9 +184,9 @@ def _names(changed: Mapping[str, np.ndarray], state: State, model: Model, alive:
         _hold("cause", cause, fits, "0 where alive and above 0 where dead")
 
 
-def _hold(name: str, value: np.ndarray, good: np.ndarray, rule: str) -> None:
+def _hold(name: str, value: np.ndarray, good: np.ndarray, rule: str, where: str = "put") -> None:
     """Raise EcologyError that names the first row of `value` that is not `good` and the `rule` that it breaks."""
     rows = good.reshape(len(good), -1).all(axis=1) if len(good) else good
     if not rows.all():
         row = int(np.argmin(rows))
-        raise EcologyError(f"put: {name}[{row}] must be {rule}, got {value[row].tolist()!r}.")
+        raise EcologyError(f"{where}: {name}[{row}] must be {rule}, got {value[row].tolist()!r}.")

@@ -218,7 +218,7 @@ class Ecology(ParallelEnv):
         if not self.world.started or self._is_at_horizon():
             return [], {}
         if self._named[0] != self.world.turnover:
-            slots = {self.name_of(slot): slot for slot in np.flatnonzero(self.world.state.alive).tolist()}
+            slots = self.world.model.living(self.world.state)
             self._named = self.world.turnover, list(slots), slots
         return self._named[1:]
 

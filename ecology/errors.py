@@ -6,7 +6,7 @@ import contextlib
 import difflib
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 
@@ -41,14 +41,14 @@ def describe_refusal(error: OSError) -> str:
 
 
 @contextlib.contextmanager
-def writable(folder: Path) -> Iterator[None]:
-    """Turn a failure to write into an EcologyError that names the folder."""
+def writable(folder: Path, then: Callable[[], str] = str) -> Iterator[None]:
+    """Turn a failure to write into an EcologyError that names the folder, and says what to do `then`."""
     try:
         yield
     except OSError as error:
         raise EcologyError(
             f"the folder {str(folder)!r} cannot be written ({describe_refusal(error)}). Make room, allow writing "
-            "there, or give another."
+            f"there, or give another. {then()}".rstrip()
         ) from error
 
 

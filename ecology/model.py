@@ -19,7 +19,7 @@ from ecology.scenario import Scenario, puts
 from ecology.senses import Gaze, Layout
 from ecology.sight import Eyes, compile_eyes
 from ecology.spec import Species
-from ecology.state import Bools, Floats, Ints
+from ecology.state import Bools, Floats, Ints, State
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,23 @@ class Model:
     def name_of(self, slot: int, serial: Ints) -> str:
         """Return the name of the agent in `slot`, given the `serial` (N,) of every slot."""
         return f"{self.scenario.species[self.species_of[slot]].name}_{int(serial[slot])}"
+
+    def living(self, state: State) -> dict[str, int]:
+        """Return the slots of the living agents by name, in the order of the slots."""
+        return {self.name_of(slot, state.serial): slot for slot in np.flatnonzero(state.alive).tolist()}
+
+    def slot_of(self, name: str, state: State) -> int:
+        """Return the slot of the living agent `name`; EcologyError where no such agent lives."""
+        living = self.living(state)
+        if name not in living:
+            raise EcologyError(f"no agent {name!r} lives at tick {state.tick}. {nearest(name, living)}")
+        return living[name]
+
+    def patch_names(self) -> list[str]:
+        """Return the names of the R patches: the resource's, with a number from 0 on where it has several."""
+        return [
+            f"{r.name}.{patch}" if r.count > 1 else r.name for r in self.scenario.resources for patch in range(r.count)
+        ]
 
     def founders(self) -> list[tuple[Species, range]]:
         """Return every species and the serials of its agents at the start."""

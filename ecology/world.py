@@ -323,8 +323,13 @@ class ArrayWorld:
         )
         for name in state.arrays():
             setattr(state, name, arrays[name].copy())
+        require(
+            values["state"].keys() == {f.name for f in fields(state)} - state.arrays().keys(),
+            f"the snapshot's plain values are {sorted(values['state'])}; restore it with the version that wrote it.",
+        )
         for name, value in values["state"].items():
             setattr(state, name, value)
+        changes.check_snapshot(state, {name: arrays[name] for name in memory}, self.model)
         for name, stream in values["rng"].items():
             fresh._rng[name].bit_generator.state = stream
         fresh._physics.remember(arrays, self.model.dt)

@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # many small arrays: threads only cost
+if "PYTEST_XDIST_WORKER" not in os.environ:  # the list of code that the user has run is not of these tests
+    _state = tempfile.TemporaryDirectory()
+    os.environ["XDG_STATE_HOME"] = _state.name
 
 import numpy as np
 import pytest

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from same_end import same_end
 
 from ecology.agents import checkpoint
 from ecology.lab.cli import main
@@ -56,22 +57,11 @@ def original(ecology: Command) -> Command:
     return ecology
 
 
-def same(one: str, other: str) -> None:
-    """Hold the last checkpoints of two runs to each other, bit for bit, clocks aside."""
-    a, b = (checkpoint.read(Path(each, "checkpoint")) for each in (one, other))
-    assert a.keys() == b.keys()
-    for name, (arrays, values) in a.items():
-        assert {**values, "seconds": 0} == {**b[name][1], "seconds": 0}, name
-        assert arrays.keys() == b[name][0].keys()
-        for key, array in arrays.items():
-            np.testing.assert_array_equal(array, b[name][0][key], err_msg=f"{name} {key}")
-
-
 @pytest.mark.parametrize("at", ["0", "40", "57", "80", "119"])
 def test_a_fork_without_a_change_is_the_original(original: Command, at: str) -> None:
     """From any tick, kept or lived up to, world, learners, memories and random streams end bit for bit the same."""
     assert original("fork", "run", "--at", at, "--quiet") == (0, "", "")
-    same("run", f"run-at-{at}")
+    same_end("run", f"run-at-{at}")
 
 
 def test_a_fork_of_those_who_learn_is_the_original(ecology: Command) -> None:
@@ -80,7 +70,7 @@ def test_a_fork_of_those_who_learn_is_the_original(ecology: Command) -> None:
     words = ("--learner", "hjb", *SMALL, "--keep-every", "50", "--out", "run", "--quiet")
     assert ecology("run", "crowd.py", *words) == (0, "", "")
     assert ecology("fork", "run", "--at", "70", "--out", "other", "--quiet") == (0, "", "")
-    same("run", "other")
+    same_end("run", "other")
     assert Path("other/recording.rrd").stat().st_size > 0
     metrics = [pq.read_table(f"{folder}/metrics.parquet") for folder in ("run", "other")]
     late = metrics[0].filter(np.array(metrics[0]["tick"]) > 70)
@@ -117,9 +107,9 @@ def test_a_fork_is_a_run_like_any_other(original: Command) -> None:
     assert 'run = "' in Path("new/config.toml").read_text()
     assert original("run", "--resume", "new", "--ticks", "120", "--quiet")[0] == 0
     assert original("fork", "run", "--at", "60", "--set", "decay=0.5", "--out", "whole", "--quiet")[0] == 0
-    same("new", "whole")
+    same_end("new", "whole")
     assert original("fork", "new", "--at", "75", "--out", "again", "--quiet")[0] == 0
-    same("new", "again")
+    same_end("new", "again")
     code, _, err = original("run", "--config", "new/config.toml", "--out", "nowhere")
     assert code == 2
     assert "ecology fork" in err
@@ -137,7 +127,7 @@ def test_a_damaged_state_is_passed_over(original: Command) -> None:
     assert original("fork", "run", "--at", "90", "--out", "other", "--quiet")[0] == 0
     shutil.rmtree("run/checkpoints")
     assert original("fork", "run", "--at", "90", "--out", "third", "--quiet")[0] == 0
-    same("other", "third")
+    same_end("other", "third")
     assert checkpoint.read(Path("other/checkpoint"))["tally"][1]["tick"] == 120
 
 

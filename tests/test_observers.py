@@ -1001,11 +1001,20 @@ def test_a_killed_recording_opens(tmp_path):
     ticks, _ = column(mended, "/world/agents/agent", "drive")
     assert len(ticks) > TICKS // 2
 
-    env = live(one(), ticks=1)
+    env = live(one(), ticks=TICKS // 3)  # the checkpoint that it goes on from
+    minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))}
     again = rerun_observer(path, every=1, resume=True)
-    again.begin(env, {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))})
-    assert len(column(path, "/world/agents/agent", "drive")[0]) >= len(ticks)
+    again.begin(env, minds)
+    before = list(range(TICKS // 3 + 1))
+    assert column(path, "/world/agents/agent", "drive")[0].tolist() == before
+    advance(env, minds, env.put(), 5, [again])
     again.end()
+    after = [*before, *range(TICKS // 3 + 1, TICKS // 3 + 6)]
+    for entity, component in (("/world/agents/agent", "drive"), ("/focus/agent/needs", "Scalars:scalars")):
+        assert sorted(column(path, entity, component)[0].tolist()) == after, entity
+    from rerun.chunk import RrdReader
+
+    assert len(RrdReader(str(path)).recordings()) == len(RrdReader(str(path)).blueprints()) == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mended.rrd", "recording.rrd"]
 
 

@@ -27,7 +27,7 @@ from ecology import EcologyError, agents
 from ecology.agents import checkpoint
 from ecology.agents.base import DivergedError, Learner, Transition
 from ecology.lab.cli import main
-from ecology.lab.runs import run as runs
+from ecology.lab.runs import tally
 from ecology.lab.runs.folder import CHECKPOINT, EVALUATION, check_evaluation
 from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import Plan, read_config, resolve, words_of
@@ -137,7 +137,7 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
     expected = whole.live()
     assert whole.tally.span == 1
     assert expected["population"]["crowd"]["least"] < expected["population"]["crowd"]["most"]
-    monkeypatch.setattr(runs, "BLOCKS", 16)
+    monkeypatch.setattr(tally, "BLOCKS", 16)
     part = Run(plan(50), tmp_path / "parts")
     part.start()
     part.live()
@@ -198,6 +198,7 @@ def test_a_run_leaves_one_folder(tmp_path: Path) -> None:
     cli("run", "paper", "--learner", "random", "--ticks", "200", "--out", str(out), "--quiet")
     assert {path.name for path in out.iterdir()} == {
         "config.toml", "summary.json", "metrics.parquet", "recording.rrd", "checkpoint", "checkpoint.previous", ".lock",
+        "world.json",
     }  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     assert summary["scenario"] == "paper"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ def film(
 def check(target: Path, fps: float) -> None:
     """Raise EcologyError unless a film can be written to `target`."""
     require(target.suffix in (".gif", ".mp4"), f"a film is a .gif or an .mp4 file, got {str(target)!r}.")
-    require(not target.exists(), f"the file {str(target)!r} exists; choose another name.")
+    require(not os.path.lexists(target), f"the file {str(target)!r} exists; choose another name.")
     require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the film; make it first.")
     check_writable(target.parent)
     require(0 < fps <= 100, f"a film has from 0 to 100 frames per second, got {fps!r}.")

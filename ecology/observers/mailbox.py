@@ -85,5 +85,7 @@ def _read(file: Path) -> dict[str, object]:
 
 def _write(file: Path, told: dict[str, object]) -> None:
     beside = file.with_name(f"{file.name}.{os.getpid()}")
-    beside.write_text(json.dumps(told), encoding="utf-8")
+    beside.unlink(missing_ok=True)  # it may be a link
+    with beside.open("x", encoding="utf-8") as opened:
+        opened.write(json.dumps(told))
     beside.replace(file)

@@ -85,10 +85,11 @@ class Recorder:
         self._action_at = np.zeros((len(species), max(len(s.actions) for s in species)), np.int32)
         for i, s in enumerate(species):
             self._action_at[i, : len(s.actions)] = [actions.index(a.name) for a in s.actions]
+        for left in (self._unfinished, self._parts.with_suffix(".joined")):  # of a run that was killed, or a link
+            left.unlink(missing_ok=True)
         if self._resume:
             self._go_on(env.state_view.tick)
         self._parts.mkdir(parents=True, exist_ok=True)
-        self._unfinished.unlink(missing_ok=True)  # of a run that was killed
 
     def _go_on(self, tick: int) -> None:
         """Keep the rows up to `tick` as the first part; at any time they are there once and whole."""

@@ -1,4 +1,8 @@
-"""A viewer elsewhere, fed by a process of its own so that the run never waits for it."""
+"""Viewers, fed by a process of its own so that the run never waits for them: one elsewhere, or those that attach.
+
+Who attaches is let in by a proxy (proxy.py) in that process. Whatever they do there, many or hostile, the run is not
+touched: it neither opens nor waits for a connection.
+"""
 
 from __future__ import annotations
 
@@ -13,39 +17,60 @@ import threading
 
 import rerun as rr
 
+from ecology.observers import proxy
 from ecology.observers.backdrop import open_scene
 from ecology.observers.drawing import Drawing
 from ecology.observers.layout import blueprint
 from ecology.observers.scene import Scene
+from ecology.observers.viewer import LOOPBACK, free_port
 
 BACKLOG = 64 * 2**20  # bytes that may wait for a viewer elsewhere; older ones are dropped
 PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
+STARTING = 60.0  # seconds granted to the process that serves viewers to begin
+MEMORY = "256MB"  # of history kept for viewers that attach late
+CONNECT, SERVE = "connect", "serve"  # to a viewer, or viewers that attach
+READY = b"+"  # is said when viewers can attach
 
 log = logging.getLogger("ecology")
 
 
 class Relay:
-    """Feeds a viewer elsewhere from a process of its own, so that the run never waits for it.
+    """Feeds viewers from a process of its own, so that the run never waits for them.
 
     What waits is bounded by `BACKLOG` bytes; the oldest is dropped. A viewer that cannot be
     reached, is slow or goes away is told of once, in the log, and the run goes on.
     """
 
-    def __init__(self, url: str, scene: Scene) -> None:
-        """Start the process that streams `scene` to the viewer at `url`."""
-        self._url, self._told = url, False
+    def __init__(self, how: str, address: str, scene: Scene) -> None:
+        """Start the process that streams `scene` to a viewer (CONNECT, its URL) or lets them attach (SERVE, HOST:PORT).
+
+        Returns once viewers can attach.
+        """
+        self._url, self._told = address, False
         self._waiting: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._bytes, self._lock = 0, threading.Lock()
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "ecology.observers.relay", url],
+            [sys.executable, "-P", "-m", "ecology.observers.relay", how, address],
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, "RUST_LOG": "off"},
             start_new_session=True,
         )
         self._thread = threading.Thread(target=self._feed, args=(pickle.dumps(scene),), daemon=True)
         self._thread.start()
+        if how == SERVE and not self._is_ready():
+            self._tell("cannot be served")
+
+    def _is_ready(self) -> bool:
+        """Wait until the process says that viewers can attach; say whether they can."""
+        said: list[bytes] = []
+        pipe = self._process.stdout
+        assert pipe is not None
+        waiting = threading.Thread(target=lambda: said.append(pipe.read(len(READY))), daemon=True)
+        waiting.start()
+        waiting.join(STARTING)
+        return said == [READY]
 
     def put(self, message: bytes) -> None:
         """Let `message` wait for its turn, in the place of the oldest where there is no room."""
@@ -70,6 +95,8 @@ class Relay:
             self._process.kill()
             self._process.wait()
         self._thread.join(PATIENCE)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
 
     def _feed(self, first: bytes) -> None:
         pipe = self._process.stdin
@@ -93,8 +120,8 @@ class Relay:
             log.warning("the viewer at %s %s. The run goes on.", self._url, what)
 
 
-def _relayed(url: str) -> int:
-    """Draw what comes in over stdin (from `Relay`, of the same program) in the viewer at `url`."""
+def _relayed(how: str, address: str) -> int:
+    """Draw what comes in over stdin (from `Relay`, of the same program) for viewers."""
     source = sys.stdin.buffer
     drawing: Drawing | None = None
     while head := source.read(8):
@@ -102,9 +129,19 @@ def _relayed(url: str) -> int:
         if drawing is None:
             scene: Scene = message
             rec = rr.RecordingStream(scene.application)
-            rec.connect_grpc(url, default_blueprint=blueprint(scene))
+            if how == CONNECT:
+                rec.connect_grpc(address, default_blueprint=blueprint(scene))
+            else:
+                port = free_port(LOOPBACK, 0)
+                server = rr.GrpcServerSink(LOOPBACK, port, server_memory_limit=MEMORY)
+                rec.set_sinks(server, default_blueprint=blueprint(scene))
             open_scene(rec, scene)
             drawing = Drawing(rec, scene)
+            if how == SERVE:
+                host, _, outer = address.rpartition(":")
+                proxy.open_proxy(host, int(outer), port)
+                sys.stdout.buffer.write(READY)
+                sys.stdout.buffer.flush()
         else:
             what, arguments = message
             getattr(drawing, what)(*arguments)
@@ -118,4 +155,4 @@ def _relayed(url: str) -> int:
 
 if __name__ == "__main__":
     # the process leaves at once: what a viewer that hangs has not taken must not keep it
-    os._exit(_relayed(sys.argv[1]))
+    os._exit(_relayed(*sys.argv[1:3]))

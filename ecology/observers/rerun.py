@@ -6,7 +6,6 @@ What is drawn of them is told in drawing.py, where on the screen in layout.py; h
 from __future__ import annotations
 
 import contextlib
-import logging
 import os
 import pickle
 import time
@@ -16,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-# read by Rerun when it is loaded: that a file is written without its index is meant (see `_open`), no warning is due
-os.environ.setdefault("RUST_LOG", "warn,re_log_encoding::rrd::file_sink=error")
+# read by Rerun when it is loaded: that bytes of a run that failed are not written is told by the run
+os.environ.setdefault("RUST_LOG", "warn,re_sdk::binary_stream_sink=error")
 
 import rerun as rr
 
@@ -32,6 +31,7 @@ from ecology.observers.control import Control
 from ecology.observers.drawing import Drawing
 from ecology.observers.layout import blueprint
 from ecology.observers.readback import recording_id
+from ecology.observers.recording_file import RecordingFile, cut
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.observers.viewer import (
     LOOPBACK,
@@ -40,6 +40,7 @@ from ecology.observers.viewer import (
     joined,
     resumed,
     stretches,
+    unfinished,
     whole,
 )
 from ecology.observers.wishes import Wishes
@@ -52,18 +53,15 @@ SECONDS_FILE, SECONDS_LIVE = 1.0, 0.25  # of the clock between two sendings, at 
 FOCUS_TICKS = 500  # after which the hungriest is looked for again
 SPARSE = 20  # samples between two age structures, and between two coupling matrices
 COUPLED = 128  # agents of a species whose coupling is drawn, at most
-MEMORY = "256MB"  # of history kept for viewers that attach late
 TIDY = 2 * 2**30  # bytes up to which a recording is put in order at the end, by a process that takes as much memory
 DETAILS = ("full", "lean")
-
-log = logging.getLogger("ecology")
 
 
 class RerunObserver:
     """Shows a run in the Rerun viewer: as a file, to viewers that attach, to a viewer elsewhere.
 
-    Nothing that a viewer does stops or changes the run: the file and the server never wait for
-    one, and a viewer elsewhere (`connect`) is fed by a process of its own from a bounded queue.
+    Nothing that a viewer does stops or changes the run: the server for viewers that attach and a viewer
+    elsewhere (`connect`) are processes of their own, each fed from a bounded queue that drops the oldest.
     """
 
     def __init__(
@@ -113,8 +111,11 @@ class RerunObserver:
         )
         self._host, self._port = (serve[0], free_port(*serve)) if serve else (LOOPBACK, 0)
         self._connect = checked_url(connect) if connect else None
-        self._relay: relay.Relay | None = None
+        self._relays: list[relay.Relay] = []
         self._rec: rr.RecordingStream | None = None
+        self._ended = True  # until it begins
+        self._file: RecordingFile | None = None
+        self._drawing: Drawing | None = None
 
     @property
     def url(self) -> str | None:
@@ -123,6 +124,23 @@ class RerunObserver:
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Lay out the first screen and show the world as it stands."""
+        self._ended = False
+        try:
+            self._begin(env, minds)
+        except BaseException:
+            self._ended = True  # nobody ends what has not begun
+            self._close()
+            raise
+
+    def _close(self) -> None:
+        """Close the file, and give viewers what waits for them."""
+        with contextlib.ExitStack() as at_end:
+            for each in self._relays:
+                at_end.callback(each.close)
+            if self._file is not None:
+                at_end.callback(self._file.close)
+
+    def _begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         state, scenario = env.state_view, env.scenario
         self._env, self._minds, self._grid = env, minds, maps.cover(scenario.arena)
         self._focus, self._census = Focus.of(env, self._asked), Census(env, self._before)
@@ -145,9 +163,11 @@ class RerunObserver:
             full=(self._detail or ("full" if env.size <= FEW else "lean")) == "full",
             few=env.size <= FEW,
         )
-        self._open(state.tick)
+        goes_on = self._open(state.tick)
+        if self._port:
+            self._relays.append(relay.Relay(relay.SERVE, f"{self._host}:{self._port}", scene))
         if self._connect:
-            self._relay = relay.Relay(self._connect, scene)
+            self._relays.append(relay.Relay(relay.CONNECT, self._connect, scene))
         self._samples: list[dict[str, Any]] = []
         self._steps: list[np.ndarray] = []
         self._happened: list[Happening] = []
@@ -156,13 +176,17 @@ class RerunObserver:
         self._decided: dict[str, list[Choice]] = {name: [] for name in scene.groups}  # since the last sample
         self._follow()
         self._since = time.monotonic()
-        self._next_map, self._sampled, self._shown = 0, 0, -1
+        self._next_map, self._sampled, self._shown, self._mapped_at = 0, 0, -1, state.tick
         self._tick: Tick | None = None  # the last one
         self._did = (-1, -1)  # slot and action of the one that is shown first
         self._deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
+        drawing = self._drawing
+        self._drawing = None if goes_on else drawing  # a recording that goes on has this tick
         self._sample(state, None)
         self._map(state)
         self._send()
+        self._drawing = drawing
+        self._write()
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
@@ -184,7 +208,7 @@ class RerunObserver:
         self._sample(state, tick)
         if turned or state.tick >= self._next_map:
             self._map(state)
-        wait = SECONDS_LIVE if self._port or self._relay else SECONDS_FILE
+        wait = SECONDS_LIVE if self._relays else SECONDS_FILE
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
 
@@ -237,72 +261,64 @@ class RerunObserver:
 
     def _lay_out(self) -> None:
         """Lay the screen out anew where somebody looks on; of several layouts in a file one is shown by chance."""
-        if self.url:  # by a stream of its own: what `_rec` is sent goes into the file too
-            assert self._rec is not None
-            rec = rr.RecordingStream(
-                self._scene.application, recording_id=self._rec.get_recording_id(), send_properties=False
-            )
-            rec.connect_grpc(self.url)
-            Drawing(rec, self._scene).lay_out(self._scene.first)
-            with contextlib.suppress(RuntimeError):  # took too long; the run goes on
-                rec.flush(timeout_sec=relay.PATIENCE)
-            rec.disconnect()
-        if self._relay:
-            self._relay.put(pickle.dumps(("lay_out", (self._scene.first,))))
+        for each in self._relays:
+            each.put(pickle.dumps(("lay_out", (self._scene.first,))))
 
     def flush(self) -> None:
-        """Send the samples at hand, at a checkpoint."""
+        """Write the samples at hand, at a checkpoint."""
         self._send()
+        self._write()
 
     def end(self) -> None:
         """Send what is left, close the file and put it in good order."""
-        if self._rec is None:
+        if self._ended:
             return
-        state = self._env.state_view
-        if state.tick > self._mapped_at and state.tick % self._every == 0:
-            self._map(state)
-        if self._deeds:  # since the last sample
-            self._sample(state, self._tick)
-        self._send()
-        rec, self._rec = self._rec, None
-        try:
-            rec.flush(timeout_sec=relay.PATIENCE)
-        except RuntimeError as error:  # a viewer that hangs; the file is written all the same
-            log.warning("the last of the recording may be missing in the viewer: %s", error)
-        rec.disconnect()
-        if self._relay:
-            self._relay.close()
+        self._ended = True
+        with contextlib.ExitStack() as at_end:
+            at_end.callback(self._close)
+            state = self._env.state_view
+            if state.tick > self._mapped_at and state.tick % self._every == 0:
+                self._map(state)
+            if self._deeds:  # since the last sample
+                self._sample(state, self._tick)
+            self._send()
+            self._write()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
             if len(parts) > 1 or self._path.stat().st_size <= TIDY:
                 joined(parts, self._path)
 
-    def _open(self, tick: int) -> None:
-        """Open the file and the server, and send the first screen to both."""
-        sinks: list[Any] = []
-        identity = None
-        if self._path:
-            self._target = self._path
-            if self._resume and tick == 0:  # the run was killed before its first checkpoint: it begins anew
-                for part in stretches(self._path):
-                    part.unlink()
-            if self._resume and self._path.exists():
-                self._target = resumed(self._path)
-                if self._target.exists() or not whole(self._path):  # the run was killed
-                    joined(stretches(self._path), self._path)
-                identity = recording_id(self._path)
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            # the index of a file grows in memory with every chunk sent, some 4 kB each; `end` makes it instead
-            sinks.append(rr.FileSink(str(self._target), write_footer=False))
-        if self._port:
-            sinks.append(rr.GrpcServerSink(self._host, self._port, server_memory_limit=MEMORY))
+    def _open(self, tick: int) -> bool:
+        """Open the file, if there is one, and draw the first screen there; return whether it goes on with a recording.
+
+        What a run that was killed recorded after the tick that it goes on from is left out: it is recorded again.
+        """
+        if self._path is None:
+            return False
+        self._target, identity, layout = self._path, None, True
+        unfinished(self._path).unlink(missing_ok=True)
+        if self._resume and (tick == 0 or not (self._path.exists() and self._path.stat().st_size)):
+            for part in stretches(self._path):  # the run was killed before its first checkpoint: it begins anew
+                part.unlink()
+        if self._resume and self._path.exists():
+            self._target = resumed(self._path)
+            if self._target.exists() or not whole(self._path):  # the run was killed
+                joined(stretches(self._path), self._path)
+            identity = recording_id(self._path)
+            layout = cut(self._path, tick, self._scene.application, identity)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
         self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
-        if sinks:
-            self._rec.set_sinks(*sinks, default_blueprint=None if identity else blueprint(self._scene))
+        self._file = RecordingFile(self._target, self._rec)
+        if layout:  # of several in a file one is shown by chance
+            self._rec.send_blueprint(blueprint(self._scene))
         open_scene(self._rec, self._scene)
         self._drawing = Drawing(self._rec, self._scene)
-        if identity:  # the file has its layout
-            self._lay_out()
+        return identity is not None
+
+    def _write(self) -> None:
+        """Put what was drawn into the file."""
+        if self._file is not None:
+            self._file.append()
 
     # ---- what a sample holds ---------------------------------------------------------------
 
@@ -346,7 +362,7 @@ class RerunObserver:
             "stocks": census.stocks(scene.scenario, state),
             "measures": np.array(self._env.scenario.measured(state)),
         }
-        if self._sampled % SPARSE == 0:
+        if self._sampled == 0 or state.tick % (SPARSE * self._every) == 0:  # by the tick: a run that is resumed, too
             sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
             sample["coupling"] = {name: self._coupling(name, state) for name in scene.coupled}
         self._samples.append(sample)
@@ -440,11 +456,15 @@ class RerunObserver:
         self._since = time.monotonic()
         if samples:
             self._show("draw", samples)
+            self._write()
             if self._control:
                 self._control.sent(samples[-1]["tick"])
 
     def _show(self, what: str, *arguments: Any) -> None:
-        """Draw in the recording, and hand the same to the viewer elsewhere."""
-        getattr(self._drawing, what)(*arguments)
-        if self._relay:
-            self._relay.put(pickle.dumps((what, arguments)))
+        """Draw in the recording, and hand the same to those that viewers attach to."""
+        if self._drawing is not None:
+            getattr(self._drawing, what)(*arguments)
+        if self._relays:
+            message = pickle.dumps((what, arguments))
+            for each in self._relays:
+                each.put(message)

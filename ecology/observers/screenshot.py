@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import tempfile
 import time
 from pathlib import Path
@@ -32,7 +33,7 @@ def screenshot(
     """
     target = Path(picture)
     require(target.suffix == ".png", f"a screenshot is a .png file, got {str(target)!r}.")
-    require(not target.exists(), f"the file {str(target)!r} exists; choose another name.")
+    require(not os.path.lexists(target), f"the file {str(target)!r} exists; choose another name.")
     require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the screenshot; make it first.")
     check_writable(target.parent)
     with complete(run) as source, tempfile.TemporaryDirectory() as folder:

@@ -82,6 +82,11 @@ def resumed(path: Path) -> Path:
     return path.with_suffix(".resumed.rrd")
 
 
+def unfinished(path: Path) -> Path:
+    """Return where a recording is put in order, beside the one that it takes the place of."""
+    return path.with_suffix(".unfinished.rrd")
+
+
 def stretches(path: Path) -> list[Path]:
     """Return the files that hold the recording at `path`: more than one while a run is resumed."""
     return [part for part in (path, resumed(path)) if part.exists()]
@@ -221,15 +226,16 @@ def _check_room(parts: Sequence[Path], target: Path) -> None:
 
 def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
     """Write what can be read of `parts` to `target`, optimised in few large chunks; say whether that was anything."""
-    unfinished = target.with_suffix(".unfinished.rrd")
-    command = [*_viewer(), "rrd", how, *map(str, parts), "-o", str(unfinished)]
+    beside = unfinished(target)
+    command = [*_viewer(), "rrd", how, *map(str, parts), "-o", str(beside)]
     try:
+        beside.unlink(missing_ok=True)  # not through a link
         patience = TIDYING + sum(part.stat().st_size for part in parts) / PACE
         done = subprocess.run(command, check=False, capture_output=True, timeout=patience, env=_quiet())
-        good = done.returncode == 0 and unfinished.stat().st_size > 0 and whole(unfinished) and _stored(unfinished)
+        good = done.returncode == 0 and beside.stat().st_size > 0 and whole(beside) and _stored(beside)
     except (OSError, subprocess.TimeoutExpired):
         good = False
     if good:
-        os.replace(unfinished, target)
-    unfinished.unlink(missing_ok=True)
+        os.replace(beside, target)
+    beside.unlink(missing_ok=True)
     return good

@@ -167,7 +167,11 @@ class Audience:
                 print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
-            print(f"watch in a viewer: rerun --connect {source}", flush=True)
+            print(
+                f"watch in a viewer: rerun --connect {source} (every program on this machine can read "
+                "it, and draw there for other viewers; none of that reaches the run)",
+                flush=True,
+            )
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Leave the watching to the viewers."""
@@ -226,22 +230,24 @@ class Audience:
 
         state, scenario, env = self._state, self._run.scenario, self._run.env
         assert state is not None
-        resources, row = [], 0
-        for resource, shade in zip(scenario.resources, colours.resource_colours(scenario), strict=True):
-            for patch in range(resource.count):
-                name = f"{resource.name}.{patch}" if resource.count > 1 else resource.name
-                x, y = state.resource_position[row].tolist()
-                resources.append({"name": name, "x": x, "y": y, "radius": resource.radius, "colour": list(shade)})
-                row += 1
+        model = env.world.model
+        kinds = zip(scenario.resources, colours.resource_colours(scenario), strict=True)
+        looks = [{"radius": r.radius, "colour": list(shade)} for r, shade in kinds for _ in range(r.count)]
+        resources = [
+            {"name": name, "x": x, "y": y, **look}
+            for name, (x, y), look in zip(model.patch_names(), state.resource_position.tolist(), looks, strict=True)
+        ]
+        shown = [
+            {
+                "radius": shapes.radius(scenario, species),
+                "colour": list(colours.species_colour(i, alone=len(env.groups) == 1)),
+            }
+            for i, species in enumerate(scenario.species)
+        ]
         agents = []
-        for species, group in zip(scenario.species, env.groups.values(), strict=True):
-            shade = colours.species_colour(group.index, alone=len(env.groups) == 1)
-            for slot in range(group.slots.start, group.slots.stop):
-                if state.alive[slot]:
-                    x, y = state.position[slot].tolist()
-                    who = f"{species.name}_{int(state.serial[slot])}"
-                    radius = shapes.radius(scenario, species)
-                    agents.append({"name": who, "x": x, "y": y, "radius": radius, "colour": list(shade)})
+        for name, slot in model.living(state).items():
+            x, y = state.position[slot].tolist()
+            agents.append({"name": name, "x": x, "y": y, **shown[model.species_of[slot]]})
         walls = [list(map(float, corner)) for corner in scenario.arena.vertices]
         lines = [line.tolist() for line in drawn_lines(scenario.arena)[1:]]  # holes and inner walls
         return {"walls": walls, "lines": lines, "resources": resources, "agents": agents, "tick": state.tick}

@@ -6,6 +6,7 @@ import functools
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
@@ -32,6 +33,16 @@ Source = Annotated[
         show_default="report an error",
     ),
 ]
+
+Trust = Annotated[
+    bool,
+    typer.Option("--trust", help="Run the code that the run names, even if you have not run it before. Read it first."),
+]
+
+
+def say(quiet: bool) -> Callable[[str], None] | None:
+    """Return what tells on stderr whose code is run, None where nothing is to be said."""
+    return None if quiet else functools.partial(print, file=sys.stderr, flush=True)
 
 
 def announces_compiling(command: Callable[..., None]) -> Callable[..., None]:

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from ecology import Ecology, State, Tick
 from ecology.lab import compiling
-from ecology.lab.runs.run import Tally
+from ecology.lab.runs.tally import Tally
 from ecology.observers.base import Mind
 
 REFRESH = 0.25  # seconds between two pictures of the progress bar

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,23 @@ KEPT = "checkpoints"  # folder of those that are kept for good, each under its t
 INTERVENTIONS = "interventions.jsonl"  # what was done to it from outside
 # what a run folder holds
 WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIGURES, INTERVENTIONS)
+
+
+def check_run(folder: Path) -> None:
+    """Raise EcologyError where `folder` holds no run."""
+    if not (folder / CONFIG).is_file():
+        raise EcologyError(f"the folder {str(folder)!r} holds no run: there is no {CONFIG} in it.")
+
+
+def check_links(folder: Path) -> None:
+    """Raise EcologyError where `folder` holds a link: what is written to a run stays in its folder."""
+    for place, folders, files in os.walk(folder):
+        for path in (Path(place, name) for name in (*folders, *files)):
+            if path.is_symlink():
+                raise EcologyError(
+                    f"{str(path)!r} is a link to {os.readlink(path)!r}, and nothing is written through links in a run "
+                    "folder; remove it, or put what it leads to in its place."
+                )
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -55,7 +73,9 @@ def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
 def replace_text(path: Path, text: str) -> None:
     """Write `text` in the place of the file at `path`, which is there whole at any time."""
     beside = path.with_name(path.name + ".new")
-    beside.write_text(text, encoding="utf-8")
+    beside.unlink(missing_ok=True)  # it may be a link
+    with beside.open("x", encoding="utf-8") as file:
+        file.write(text)
     beside.replace(path)
 
 

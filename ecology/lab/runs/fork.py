@@ -56,7 +56,8 @@ def fork(
     _go_to(run, at, observers)
     parts = run.parts()
     arrays, values = parts["world"]
-    gone = _slots(run.env, arrays["alive"], remove)
+    model, state = run.env.world.model, run.env.world.state
+    gone = np.unique(np.array([model.slot_of(name, state) for name in remove], np.int64))
     parts["world"] = _changed(run.env, arrays, gone, move or {}), values
     try:
         forked.become(parts)
@@ -128,15 +129,6 @@ def _check_changes(before: Scenario, after: Scenario) -> None:
             )
 
 
-def _slots(env: Ecology, alive: np.ndarray, names: Sequence[str]) -> Ints:
-    """Return the slots of the agents `names`, who live (N,) in `env`, each once and in order."""
-    living = {env.name_of(slot): slot for slot in np.flatnonzero(alive).tolist()}
-    for name in names:
-        if name not in living:
-            raise EcologyError(f"no agent {name!r} lives at tick {env.state_view.tick}. {nearest(name, living)}")
-    return np.unique(np.array([living[name] for name in names], np.int64))
-
-
 def _changed(
     env: Ecology, arrays: Mapping[str, np.ndarray], gone: Ints, move: Mapping[str, Place]
 ) -> dict[str, np.ndarray]:
@@ -144,16 +136,12 @@ def _changed(
     arrays = {name: array.copy() for name, array in arrays.items()}
     arrays["alive"][gone] = False
     arrays["cause"][gone] = CAUSES.index("rule")
-    first = 0
-    patches = {}
-    for resource in env.scenario.resources:
-        patches[resource.name] = (first, resource)
-        first += resource.count
+    patches, resources = env.world.model.patches, {each.name: each for each in env.scenario.resources}
     for name, place in move.items():
         owner, _, number = name.partition(".")
         if owner not in patches:
             raise EcologyError(f"there is no resource {owner!r} to move. {nearest(owner, patches)}")
-        row, resource = patches[owner]
+        resource = resources[owner]
         if not (number or "0").isdecimal() or int(number or 0) >= resource.count or (resource.count > 1) > bool(number):
             raise EcologyError(
                 f"the resource {owner!r} has {resource.count} patches, counted from 0; write "
@@ -163,5 +151,5 @@ def _changed(
             raise EcologyError(f"the resource {owner!r} oscillates between two places of its own; it cannot be moved.")
         if not ground_of(env.scenario.arena).inside(np.array([place], float))[0]:
             raise EcologyError(f"the place {place!r} for the resource {owner!r} lies outside the arena.")
-        arrays["resource_position"][row + int(number or 0)] = place
+        arrays["resource_position"][patches[owner].start + int(number or 0)] = place
     return arrays

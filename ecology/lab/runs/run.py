@@ -1,4 +1,4 @@
-"""A run: its life, what it came to, and the folder that it leaves."""
+"""A run: its life, and the folder that it leaves."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import contextlib
 import json
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ecology import Ecology, EcologyError, Scenario, State, Tick, agents, faults
+from ecology import Ecology, EcologyError, Scenario, Tick, agents, faults
 from ecology.agents import checkpoint, loop
-from ecology.agents.base import DivergedError, Learner
+from ecology.agents.base import DivergedError
 from ecology.errors import writable
 from ecology.interventions import intervene
 from ecology.lab.runs import source
@@ -25,258 +25,26 @@ from ecology.lab.runs.folder import (
     KEPT,
     SUMMARY,
     WRITES,
+    check_links,
+    check_run,
     replace_text,
     write_json,
 )
+from ecology.lab.runs.gate import Gate
 from ecology.lab.runs.interventions import Schedule
 from ecology.lab.runs.run_config import Choice, Plan, read_config, resolve, words_of, world_digest
 from ecology.lab.runs.stopping import Interrupt, StoppedError
-from ecology.observers.base import Mind, Observer
+from ecology.lab.runs.tally import Tally
+from ecology.lab.runs.world_file import read_world, write_world
+from ecology.observers.base import Observer
 from ecology.observers.control import Control
 from ecology.observers.mailbox import Mailbox
 from ecology.schedule import ScheduledTick
-from ecology.state import CAUSES
 from ecology.verbs import split
 
-BLOCKS = 2**16  # in which the ticks of a run are summed up: one tick each, then two, four, ...
 DO = "do"  # kind of the requests of `ecology do`
 LOOK = 0.1  # seconds between two looks for requests of other processes
 LEARNER_STREAM = 1_000  # first word of the learners' spawn keys, beyond those of the world's concerns
-
-
-# ---- what a run came to ----------------------------------------------------------------------
-
-
-class Tally:
-    """Running sums over a run, an observer: what summary.json says.
-
-    What is asked of a stretch of ticks is summed in blocks. Up to `BLOCKS` ticks a block is one tick; when the blocks
-    are full, two become one, so that a life of any length takes the same memory.
-    """
-
-    def __init__(
-        self, scenario: Scenario, env: Ecology, learners: Mapping[str, Learner], *, every: int = 1, last: int = 0
-    ) -> None:
-        """Sum up `env`; the scenario's measures are taken every `every` ticks, and at the tick `last`."""
-        self._scenario, self._groups, self._learners = scenario, env.groups, learners
-        self._every, self._last = every, last
-        self._feels = any(species.empathy is not None for species in scenario.species)
-        needs = max(len(s.needs) for s in scenario.species)
-        self._set_point = np.zeros((env.size, needs))
-        for s, group in zip(scenario.species, env.groups.values(), strict=True):
-            self._set_point[group.slots, : len(s.needs)] = [need.set_point for need in s.needs]
-        self._row = np.arange(env.size)
-        self.tick = 0
-        self._seconds = np.zeros(3)  # as `seconds`, before it last began
-        self._began: np.ndarray | None = None
-        self.births = np.zeros(len(env.groups), np.int64)  # by species
-        self.closed = 0  # actions asked for that were closed
-        self.returned = 0  # times that the arena put a body back inside
-        self.span = 1  # ticks of a block
-        self.drive = np.zeros((BLOCKS, len(env.groups)))  # per block and species, summed over the living
-        self.own_drive = self.drive.copy()  # the same, without what is felt of others
-        self.living = np.zeros((BLOCKS, len(env.groups)), np.int64)  # per block and species, summed over its ticks
-        now = [np.count_nonzero(env.state_view.alive[group.slots]) for group in env.groups.values()]
-        self.now, self.least, self.most = np.array(now), np.array(now), np.array(now)  # living, per species
-        self.gone = np.zeros(len(env.groups), np.int64)  # tick at which the last of a species died, 0 while it lives
-        self.causes = np.zeros((len(env.groups), len(CAUSES)), np.int64)  # deaths by species and cause
-        self.fatal = np.zeros((len(env.groups), needs), np.int64)  # deaths by species and the lethal need
-        self.killed = np.zeros((len(env.groups), len(env.groups)), np.int64)  # deaths by species and the killer's
-        self._species_of = np.repeat(np.arange(len(env.groups)), [group.size for group in env.groups.values()])
-        self.delta = np.zeros((env.size, needs))  # |delta| per slot, summed over its ticks alive
-        self.lived = np.zeros(env.size, np.int64)  # ticks alive per slot
-        measures = len(scenario.measures)
-        self.measured = np.full(measures, np.nan)  # when they were last taken
-        self.measured_sum, self.measured_count = np.zeros(measures), np.zeros(measures, np.int64)  # of finite ones
-        self.measured_least, self.measured_most = self.measured.copy(), self.measured.copy()
-        self.actions = np.zeros((env.size, max(len(g.actions) for g in env.groups.values())), np.int64)
-
-    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Start the clock."""
-        self._began = self._clocks()
-
-    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
-        """Add one tick."""
-        at, alive = state.tick - 1, tick.alive
-        now = np.array([np.count_nonzero(alive[group.slots]) for group in self._groups.values()])
-        self.gone[(self.now > 0) & (now == 0)] = state.tick
-        self.gone[now > 0] = 0  # newcomers bring a species back
-        self.now[:] = now
-        if at == 0:
-            self.least[:] = self.most[:] = self.now
-        np.minimum(self.least, self.now, out=self.least)
-        np.maximum(self.most, self.now, out=self.most)
-        if at == BLOCKS * self.span:
-            self._fold()
-        drive = self._by_species(tick.drive, alive)
-        self.drive[at // self.span] += drive
-        self.own_drive[at // self.span] += self._by_species(state.own_drive, alive) if self._feels else drive
-        self.living[at // self.span] += self.now
-        self.tick = state.tick
-        self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
-        self.lived += alive
-        self.actions[self._row, tick.action] += alive
-        if tick.died.any():
-            for i, group in enumerate(self._groups.values()):
-                causes = state.cause[group.slots][tick.died[group.slots]]
-                self.causes[i] += np.bincount(causes, minlength=len(CAUSES))
-            died = np.flatnonzero(tick.died)
-            of_need, bitten = died[state.fatal_need[died] >= 0], died[tick.killer[died] >= 0]
-            np.add.at(self.fatal, (self._species_of[of_need], state.fatal_need[of_need]), 1)
-            np.add.at(self.killed, (self._species_of[bitten], self._species_of[tick.killer[bitten]]), 1)
-        if tick.born.any():
-            self.births += [np.count_nonzero(tick.born[group.slots]) for group in self._groups.values()]
-        self.closed, self.returned = int(state.closed.sum()), state.returned
-        if self.measured.size and (state.tick % self._every == 0 or state.tick == self._last):
-            self._measure(state)
-
-    def _by_species(self, values: np.ndarray, alive: np.ndarray) -> list[float]:
-        """Return values (N,) summed over the living of each species."""
-        return [values[group.slots] @ alive[group.slots] for group in self._groups.values()]
-
-    def _measure(self, state: State) -> None:
-        """Take the scenario's measures; one at the last tick that is no sample is kept, and not summed up."""
-        self.measured[:] = self._scenario.measured(state)
-        if state.tick % self._every:
-            return
-        finite = np.isfinite(self.measured)
-        self.measured_sum += np.where(finite, self.measured, 0.0)
-        self.measured_count += finite
-        known = np.where(finite, self.measured, np.nan)
-        np.fmin(self.measured_least, known, out=self.measured_least)
-        np.fmax(self.measured_most, known, out=self.measured_most)
-
-    def _fold(self) -> None:
-        """Make one block of two, and room for as many again."""
-        for blocks in (self.drive, self.own_drive, self.living):
-            half = BLOCKS // 2
-            blocks[:half] = blocks[::2] + blocks[1::2]
-            blocks[half:] = 0
-        self.span *= 2
-
-    @property
-    def _used(self) -> int:
-        """Return the number of blocks that have begun."""
-        return -(-self.tick // self.span)
-
-    def end(self) -> None:
-        """Stop the clock."""
-        self._seconds, self._began = self.seconds, None
-
-    @property
-    def seconds(self) -> np.ndarray:
-        """Return the time of the run so far: by the wall, of the CPU, and of the CPU for acting and learning."""
-        return self._seconds + (0.0 if self._began is None else self._clocks() - self._began)
-
-    def _clocks(self) -> np.ndarray:
-        learners = sum(learner.seconds for learner in self._learners.values())
-        return np.array([time.perf_counter(), time.process_time(), learners])
-
-    def mean_drive(self, start: int = 0, *, own: bool = False, species: int | None = None) -> float | None:
-        """Return the drive of the living, averaged over agents and ticks from `start` on.
-
-        `own` leaves out what is felt of others; `species` is the number of one, all are meant without. A block in
-        which `start` lies counts with the share of its ticks from there on.
-        """
-        if start >= self.tick:
-            return None
-        first, into = divmod(start, self.span)
-        share = np.ones(self._used - first)
-        share[0] -= into / min(self.span, self.tick - first * self.span)
-        which = slice(None) if species is None else slice(species, species + 1)
-        drive, living = (
-            blocks[first : self._used, which].sum(axis=1)
-            for blocks in (self.own_drive if own else self.drive, self.living)
-        )
-        return _share(float(share @ drive), float(share @ living))
-
-    def drives(self, species: str) -> tuple[np.ndarray, int]:
-        """Return the mean drive of the living of a species per block, NaN of nobody, and the ticks of a block."""
-        at = list(self._groups).index(species)
-        living = self.living[: self._used, at]
-        total = self.drive[: self._used, at]
-        return np.divide(total, living, out=np.full(len(living), np.nan), where=living > 0), self.span
-
-    def summary(self) -> dict[str, Any]:
-        """Return what the run has come to."""
-        lived_by = self.living.sum(axis=0)  # per species
-        wall, cpu, learner = self.seconds
-        tenth = self.tick - max(1, self.tick // 10)
-        needs, shares, population = {}, {}, {}
-        for i, (species, group) in enumerate(zip(self._scenario.species, self._groups.values(), strict=True)):
-            population[species.name] = {
-                "end": int(self.now[i]),
-                "mean": float(lived_by[i] / self.tick if self.tick else self.now[i]),
-                "least": int(self.least[i]),
-                "most": int(self.most[i]),
-                "died_out": int(self.gone[i]) or None,
-                "died_of": {cause: int(n) for cause, n in zip(CAUSES, self.causes[i], strict=True) if n},
-                "fatal_needs": {need.name: int(n) for need, n in zip(species.needs, self.fatal[i], strict=False) if n},
-                "killed_by": {name: int(n) for name, n in zip(self._groups, self.killed[i], strict=True) if n},
-            }
-            lived = self.lived[group.slots].sum()
-            delta = self.delta[group.slots].sum(axis=0)
-            needs[species.name] = {n.name: _share(delta[i], lived) for i, n in enumerate(species.needs)}
-            counts = self.actions[group.slots].sum(axis=0)
-            shares[species.name] = {a: _share(counts[i], lived) for i, a in enumerate(group.actions)}
-        return {
-            "wall_seconds": round(wall, 3),
-            "cpu_seconds": round(cpu, 3),
-            "learner_cpu_seconds": round(learner, 3),
-            "agent_steps_per_second": _share(int(lived_by.sum()), wall),
-            "mean_drive": self.mean_drive(),
-            "mean_drive_last_tenth": self.mean_drive(tenth) if self.tick else None,
-            "mean_own_drive": self.mean_drive(own=True),
-            "mean_own_drive_last_tenth": self.mean_drive(tenth, own=True) if self.tick else None,
-            "species_drive": {name: self.mean_drive(species=i) for i, name in enumerate(self._groups)},
-            "species_own_drive": {name: self.mean_drive(own=True, species=i) for i, name in enumerate(self._groups)},
-            "mean_abs_deviation": needs,
-            "action_shares": shares,
-            "population": population,
-            "deaths": int(self.causes.sum()),
-            "births": int(self.births.sum()),
-            "closed_actions": self.closed,
-            "bodies_put_back": self.returned,
-            "measures": {
-                name: {
-                    "end": float(self.measured[i]),
-                    "mean": _share(self.measured_sum[i], self.measured_count[i]),
-                    "least": float(self.measured_least[i]),
-                    "most": float(self.measured_most[i]),
-                }
-                for i, name in enumerate(self._scenario.measures)
-            },
-        }
-
-    BLOCKED = ("drive", "own_drive", "living")  # of which only the blocks that have begun are kept
-    ARRAYS = (
-        *BLOCKED, "now", "least", "most", "gone", "births", "causes", "fatal", "killed", "delta", "lived", "actions",
-        "measured", "measured_sum", "measured_count", "measured_least", "measured_most",
-    )  # fmt: skip
-    VALUES = ("tick", "span", "closed", "returned")
-
-    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return the sums: arrays, and plain values."""
-        arrays = {name: getattr(self, name) for name in self.ARRAYS}
-        arrays |= {name: arrays[name][: self._used] for name in self.BLOCKED}
-        return arrays, {"seconds": self.seconds.tolist()} | {name: getattr(self, name) for name in self.VALUES}
-
-    def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
-        """Become what `state` returned, which has only the blocks that have begun."""
-        for name in self.ARRAYS:
-            mine = getattr(self, name)
-            mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
-        for name in self.VALUES:
-            setattr(self, name, values[name])
-        self._seconds = np.array(values["seconds"])
-
-
-def _share(part: float, whole: float) -> float | None:
-    """Return part / whole, None of nothing (JSON has no NaN)."""
-    return float(part / whole) if whole > 0 and np.isfinite(part) else None
-
-
-# ---- the run ---------------------------------------------------------------------------------
 
 
 class Run:
@@ -322,7 +90,7 @@ class Run:
     @property
     def now(self) -> int:
         """Return the number of ticks lived."""
-        return self.env.state_view.tick
+        return self.env.world.state.tick
 
     def born_and_died(self) -> tuple[list[int], list[int]]:
         """Return how many of each species were born and have died so far."""
@@ -348,6 +116,7 @@ class Run:
             if self.plan.forked:  # its first tick cannot be lived again
                 self.save(self.folder / KEPT / str(self.now))
                 self.save()
+            write_world(self.folder, self.scenario)
             replace_text(self.folder / CONFIG, text)
             self.schedule.write()
 
@@ -379,12 +148,17 @@ class Run:
 
     def become(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Become what `parts` returned; whatever is raised where they do not fit."""
-        self.schedule.done = min(int(parts["run"][1].get("interventions", 0)), len(self.schedule.entries))
-        self.frozen = set(parts["run"][1].get("frozen", []))
+        done, frozen = parts["run"][1].get("interventions", 0), parts["run"][1].get("frozen", [])
+        if type(done) is not int or done < 0 or not set(frozen) <= self.learners.keys():
+            raise EcologyError(f"interventions are counted, and species are frozen; got {done!r} and {frozen!r}.")
+        self.schedule.done = min(done, len(self.schedule.entries))
+        self.frozen = set(frozen)
         self.tally.restore(*parts["tally"])
         for species, learner in self.learners.items():
             learner.restore(*parts[f"learner_{species}"])
         self.tick = self.env.restore(*parts["world"])
+        if self.tally.tick != self.now:
+            raise EcologyError(f"the world is at tick {self.now}, its sums at {self.tally.tick}.")
 
     def resume(self, *, previous: bool = False) -> None:
         """Go on from the checkpoint (or the previous one), to the plan's ticks.
@@ -422,7 +196,8 @@ class Run:
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
-        with writable(self.folder), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
+        check_links(self.folder)
+        with writable(self.folder, self._go_on), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             at_end.enter_context(self._lives(observers))
             self._mailbox = Mailbox(self.folder, DO)
             first: tuple[Observer, ...] = (interrupt, self.tally)
@@ -434,6 +209,7 @@ class Run:
             if self._resumed:
                 if self.plan.copies is None:
                     source.keep(self.plan.code, self.folder, tick=self.now)
+                write_world(self.folder, self.scenario)
                 replace_text(self.folder / CONFIG, text)
             if self._previous:
                 checkpoint.put_aside(self.folder / CHECKPOINT)
@@ -473,6 +249,10 @@ class Run:
                 f"with: {self.resume_command(mended=True)}"
             )
             raise faults.wrap(f"after {self.now} ticks", error, then) from error
+
+    def _go_on(self) -> str:
+        """Say how the run goes on once there is room again."""
+        return f"Then go on from tick {self._saved} with: {self.resume_command()}"
 
     def resume_command(self, *, mended: bool = False) -> str:
         """Return the command that resumes the run, once its own code is `mended` or as it is."""
@@ -674,23 +454,47 @@ def learner_seed(seed: int, species: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(seed, spawn_key=(LEARNER_STREAM, species))
 
 
-def read_plan(folder: Path, ticks: int | None = None, device: str | None = None, choice: str | None = None) -> Plan:
+def read_plan(
+    folder: Path,
+    ticks: int | None = None,
+    device: str | None = None,
+    choice: str | None = None,
+    *,
+    trust: bool = False,
+    say: Callable[[str], None] | None = None,
+) -> Plan:
     """Return the plan of the run in `folder`, with other `ticks` and another `device` if given.
 
-    `choice` says which code of the user's own to load, see `source.choose`.
+    `choice` says which code of the user's own to load, see `source.choose`. Code that this user has not run before is
+    run only with `trust`; `say` is told whose code is run. See `Gate`.
     """
-    if not (folder / CONFIG).is_file():
-        raise EcologyError(f"the folder {str(folder)!r} holds no run: there is no {CONFIG} in it.")
+    check_run(folder)
     config = read_config(folder / CONFIG)
-    return resolve(config=config, ticks=ticks, device=device, copies=source.choose(folder, choice))
+    gate = Gate(choice, trust, say)
+    return resolve(config=config, ticks=ticks, device=device, copies=source.choose(folder, choice), gate=gate)
 
 
-def open_run(folder: Path, ticks: int | None = None, device: str | None = None, choice: str | None = None) -> Run:
+def open_run(
+    folder: Path,
+    ticks: int | None = None,
+    device: str | None = None,
+    choice: str | None = None,
+    *,
+    trust: bool = False,
+    say: Callable[[str], None] | None = None,
+) -> Run:
     """Return the run that `folder` holds, its learners and its world as built, not yet restored.
 
     Its learners compute on the run's device, or on another: a checkpoint holds the same whatever wrote it. For
-    `choice` see `read_plan`.
+    `choice`, `trust` and `say` see `read_plan`.
     """
-    run = Run(read_plan(folder, ticks, device, choice), folder)
+    run = Run(read_plan(folder, ticks, device, choice, trust=trust, say=say), folder)
     run.schedule.read()
     return run
+
+
+def load_world(folder: Path) -> Scenario:
+    """Return the world of the run in `folder` to show what it recorded, without running code that does not ship."""
+    check_run(folder)
+    world = read_world(folder)
+    return read_plan(folder).load() if world is None else world  # a run of an earlier version

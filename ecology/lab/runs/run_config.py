@@ -11,7 +11,7 @@ import os
 import platform
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from ecology import EcologyError, Scenario, agents, scenarios
 from ecology.errors import nearest
 from ecology.lab.runs import source
 from ecology.lab.runs.folder import CONFIG
+from ecology.lab.runs.gate import Gate
 
 CHECKPOINT_EVERY = 10_000  # ticks
 RECORD_EVERY = 10  # ticks
@@ -146,8 +147,9 @@ def resolve(
     *,
     config: Mapping[str, Any] | None = None,
     changes: Mapping[str, Any] | None = None,
-    learners: Iterable[str] = (),
+    learners: Sequence[str] = (),
     copies: Path | None = None,
+    gate: Gate | None = None,
     **flags: Any,
 ) -> Plan:
     """Return the plan of a run from what a user typed.
@@ -155,7 +157,8 @@ def resolve(
     `config` is as `read_config` returned it; `changes` are settings by name, those of learners as
     "learner.KEY" or "SPECIES.learner.KEY"; `learners` are "NAME" or "SPECIES=NAME"; `flags` are the
     plan's other fields, None where not given. What was typed goes before the config, the config
-    before the scenario's defaults. The user's own code is loaded from the folder `copies`, if given.
+    before the scenario's defaults. The user's own code is loaded from the folder `copies`, if given. What the
+    config names is run if the `gate` admits it.
     """
     words, changes = dict(config or {}), dict(changes or {})
     words |= {key: value for key, value in flags.items() if value is not None}
@@ -165,6 +168,7 @@ def resolve(
             raise EcologyError(
                 f"name a scenario to run. Known: {', '.join(scenarios.names())}, or a path to a .py file."
             )
+        _admit(gate, [scenario], copies)
     elif words.get("scenario", scenario) != scenario:
         raise EcologyError(
             f"the config is of the scenario {words['scenario']!r}, not {scenario!r}; leave the scenario out."
@@ -196,6 +200,8 @@ def resolve(
     for unknown in given.keys() - chosen.keys():
         raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
     ticks = world.ticks if ticks is None else ticks
+    typed = {_placed(word.rpartition("=")[2]) for word in learners}
+    _admit(gate, [name for name, _ in chosen.values() if name not in typed], copies)
     resolved = _tweaked(chosen, tweaks, copies)
     _check_device(words.get("device", "cpu"), {source.locate(name, copies) for name, _ in resolved.values()})
     plan = Plan(
@@ -214,6 +220,12 @@ def resolve(
         raise EcologyError(f"record_detail is auto, full or lean, got {plan.record_detail!r}.")
     as_run = world.settings.get("ticks", ticks) == ticks
     return dataclasses.replace(plan, world=world if as_run else plan.load())
+
+
+def _admit(gate: Gate | None, names: Iterable[str], copies: Path | None) -> None:
+    """Ask the gate, if there is one, whether the code of `names` may be run."""
+    if gate is not None:
+        gate.admit(map(_placed, names), copies)
 
 
 def _placed(name: str) -> str:

@@ -10,6 +10,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import os
 import re
 import shutil
 import sys
@@ -20,6 +21,7 @@ from typing import NamedTuple
 
 from ecology import EcologyError, Scenario, faults
 from ecology.errors import readable
+from ecology.lab.runs import trust
 
 SOURCE = "source"  # folder in a run's folder
 ORIGINS = "origins.json"  # in it: where each file came from, and its digest
@@ -82,7 +84,7 @@ def locate(name: str, copies: Path | None) -> str:
     """Return what to load for the scenario or learner `name`: the file in its place, or its copy in `copies`."""
     if copies is None or not is_file(name):
         return name
-    file, cls = _split(name)
+    file, cls = split(name)
     for kept, origin in (_read(copies) or {}).items():
         if origin.path == file:
             return f"{copies / kept}{cls}"
@@ -112,6 +114,8 @@ def keep(names: Iterable[str], folder: Path, copies: Path | None = None, *, tick
     texts = dict(_collect(names, copies))
     origins = {name: Origin(path, hashlib.sha256(text).hexdigest()) for name, (path, text) in texts.items()}
     target, fresh, former = folder / SOURCE, folder / f"{SOURCE}.new", folder / f"{SOURCE}-until-{tick}"
+    if copies is None:
+        trust.note(trust.File(*origin) for origin in origins.values())
     with contextlib.suppress(EcologyError):  # damaged, and replaced
         if not texts or origins == _read(target):
             return
@@ -128,13 +132,18 @@ def keep(names: Iterable[str], folder: Path, copies: Path | None = None, *, tick
     fresh.rename(target)
 
 
+def copied(copies: Path) -> set[str]:
+    """Return what a folder of copies is to hold: the paths in it, those of the list of origins included."""
+    return {ORIGINS, *(_read(copies) or {})}
+
+
 def is_foreign(folder: Path) -> bool:
     """Return whether `folder` holds a folder named as the copies are, but none of a run."""
     return (folder / SOURCE).exists() and not (folder / SOURCE / ORIGINS).is_file()
 
 
-def _split(name: str) -> tuple[str, str]:
-    """Return the file of "path.py:Class" and the rest."""
+def split(name: str) -> tuple[str, str]:
+    """Return the file of "path.py:Class", and ":Class" or nothing."""
     end = name.rindex(".py") + len(".py")
     return name[:end], name[end:]
 
@@ -154,7 +163,10 @@ def _read(copies: Path) -> dict[str, Origin] | None:
     try:
         with readable("the list of sources", path):
             text = path.read_text(encoding="utf-8")
-        return {name: Origin(str(told["path"]), str(told["sha256"])) for name, told in json.loads(text).items()}
+        found = {name: Origin(str(told["path"]), str(told["sha256"])) for name, told in json.loads(text).items()}
+        if away := [name for name in found if os.path.isabs(name) or ".." in Path(name).parts]:
+            raise ValueError(f"{away[0]!r} lies elsewhere")
+        return found
     except FileNotFoundError:
         return None
     except EcologyError:
@@ -175,15 +187,15 @@ def _collect(names: Iterable[str], copies: Path | None) -> Iterator[tuple[str, t
     places: dict[Path, str] = {}  # folder that is loaded from -> folder of its copies
     for name in names:
         if is_file(name):
-            home = Path(_split(name)[0]).parent
-            file = Path(_split(locate(name, copies))[0])
+            home = Path(split(name)[0]).parent
+            file = Path(split(locate(name, copies))[0])
             place = places.setdefault(file.parent, f"{len(places) + 1}/" if places else "")
-            for path in [file, *sorted(_modules(file) - {file})]:
+            for path in [file, *sorted(modules(file) - {file})]:
                 beside = path.relative_to(file.parent)
                 yield f"{place}{beside.as_posix()}", (str(home / beside), path.read_bytes())
 
 
-def _modules(file: Path) -> set[Path]:
+def modules(file: Path) -> set[Path]:
     """Return `file` and the modules beside it that it imports, directly or through one another, or has imported."""
     folder, found = file.parent, {file}
     waiting = [file]

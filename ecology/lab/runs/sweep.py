@@ -30,6 +30,7 @@ import numpy as np
 from ecology.errors import EcologyError, nearest, readable, writable
 from ecology.lab.runs import source as sources
 from ecology.lab.runs.folder import CONFIG, SUMMARY, replace_text
+from ecology.lab.runs.gate import Gate
 from ecology.lab.runs.run_config import Plan, resolve
 from ecology.lab.runs.stopping import StoppedError
 from ecology.lab.values import as_key, read_value, split_values
@@ -62,6 +63,7 @@ class Cell:
     folder: Path
     evaluate: bool = False  # whether what was learned is measured after the run
     source: str | None = None  # which code of the user's own resumes it, see `source.choose`
+    trust: bool = False  # whether copies may be run that this user has not run before, see `Gate`
 
     @property
     def name(self) -> str:
@@ -105,6 +107,7 @@ def cells_of(
     learners: Sequence[str] = (),
     evaluate: bool = False,
     source: str | None = None,
+    trust: bool = False,
     **flags: Any,
 ) -> list[Cell]:
     """Return every run of a sweep, each plan resolved and checked; seeds vary fastest.
@@ -132,7 +135,12 @@ def cells_of(
             name = _name(several, seed)
             folder = out / RUNS / name
             cells[name] = Cell(
-                plan=replace(plan, seed=seed), varied=varied, folder=folder, evaluate=evaluate, source=source
+                plan=replace(plan, seed=seed),
+                varied=varied,
+                folder=folder,
+                evaluate=evaluate,
+                source=source,
+                trust=trust,
             )
     return list(cells.values())
 
@@ -187,7 +195,9 @@ def check(cell: Cell) -> None:
             f"the folder {str(cell.folder)!r} holds a run of another sweep: it differs in {' and '.join(differ)}. "
             "Give another --out."
         )
-    sources.choose(cell.folder, cell.source)
+    copies = sources.choose(cell.folder, cell.source)
+    if copies is not None:  # what is not copied was named by the user
+        Gate(cell.source, cell.trust).admit(cell.plan.code, copies)
 
 
 def check_folder(out: Path, cells: Sequence[Cell]) -> None:

@@ -12,7 +12,16 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import EcologyError, check_writable, nearest, writable
-from ecology.lab.cli.options import Quiet, Source, announces_compiling, format_number, read_pairs, read_setting
+from ecology.lab.cli.options import (
+    Quiet,
+    Source,
+    Trust,
+    announces_compiling,
+    format_number,
+    read_pairs,
+    read_setting,
+    say,
+)
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 
 if TYPE_CHECKING:
@@ -46,15 +55,16 @@ def command(
         bool, typer.Option("--again", help="Replace an existing evaluation made with other options.")
     ] = False,
     source: Source = None,
+    trust: Trust = False,
     quiet: Quiet = False,
 ) -> None:
     """Evaluate a run's learner against baselines; write evaluation.json and figures."""
     from ecology.agents import evaluation, figures
-    from ecology.lab.runs.folder import EVALUATION, FIGURES, METRICS, check_evaluation, write_json
+    from ecology.lab.runs.folder import EVALUATION, FIGURES, METRICS, check_evaluation, check_links, write_json
     from ecology.lab.runs.run import open_run
     from ecology.observers import recorder
 
-    it = open_run(run, device=device, choice=source)
+    it = open_run(run, device=device, choice=source, trust=trust, say=say(quiet))
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
     learner = it.learners[species or next(iter(it.learners))]
@@ -64,6 +74,7 @@ def command(
         words: dict[str, Any] = {"scenario": world.name, "settings": dict(world.settings)}
         words |= {"species": learner.group.name, "device": device, "seed": seed, "ticks": ticks, "places": places}
         check_evaluation(where, words)
+    check_links(run)
     it.restore()
     metrics = run / METRICS
     for folder in (where, where / FIGURES):  # what cannot be kept, or is damaged, is told before the long part

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from ecology.lab.cli.options import Quiet, Source, announces_compiling
+from ecology.lab.cli.options import Quiet, announces_compiling
 
 ORDER = 12
 
@@ -25,16 +25,15 @@ def command(
     ] = None,
     to: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="Last tick.", show_default="the last")] = None,
     fps: Annotated[float, typer.Option(help="Frames per second, one recorded tick each.")] = 20.0,
-    source: Source = None,
     quiet: Quiet = False,
 ) -> None:
     """Make a film of a run from its recording: a gif, or an mp4 with the extra `film`."""
-    from ecology.lab.runs.run import read_plan
+    from ecology.lab.runs.run import load_world
     from ecology.observers import film as films
     from ecology.observers import readback  # slow to load
 
     target = run / "film.gif" if target is None else target
-    scenario = read_plan(run, choice=source).load()
+    scenario = load_world(run)
     films.check(target, fps)
     frames = readback.frames(run, scenario, from_, to)
     console = Console(stderr=True, quiet=quiet)

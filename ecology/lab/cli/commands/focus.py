@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from ecology.errors import EcologyError
-
 ORDER = 5
 
 
@@ -17,9 +15,8 @@ def command(
     who: Annotated[str, typer.Argument(metavar="WHO", help="Agent (prey_17), species, or hungriest.")],
 ) -> None:
     """Bring another agent into focus in a run that records or is watched."""
-    from ecology.lab.runs.folder import CONFIG, is_locked
+    from ecology.lab.runs.folder import check_run, is_locked
     from ecology.observers import wishes
 
-    if not (run / CONFIG).is_file():
-        raise EcologyError(f"the folder {str(run)!r} holds no run: there is no {CONFIG} in it.")
+    check_run(run)
     print(wishes.ask(run, who, lambda: is_locked(run)))

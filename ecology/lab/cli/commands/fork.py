@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ecology.errors import EcologyError
-from ecology.lab.cli.options import Quiet, Source, announces_compiling, read_pairs, read_setting
+from ecology.lab.cli.options import Quiet, Source, Trust, announces_compiling, read_pairs, read_setting, say
 
 ORDER = 6
 
@@ -38,6 +38,7 @@ def command(
         typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="as the run"),
     ] = None,
     source: Source = None,
+    trust: Trust = False,
     quiet: Quiet = False,
 ) -> None:
     """Continue a run from a tick with one thing changed, in a folder of its own."""
@@ -50,7 +51,7 @@ def command(
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(lock(run))
-        it = open_run(run, device=device, choice=source)
+        it = open_run(run, device=device, choice=source, trust=trust, say=say(quiet))
         forked = forks.fork(
             it,
             at,

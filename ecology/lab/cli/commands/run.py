@@ -15,14 +15,17 @@ from ecology.lab.cli.options import (
     Port,
     Quiet,
     Source,
+    Trust,
     announces_compiling,
     check_port,
     read_pairs,
     read_setting,
     refuse_with,
+    say,
 )
 
 if TYPE_CHECKING:
+    from ecology.lab.runs.gate import Gate
     from ecology.lab.runs.run import Run
 
 ORDER = 4
@@ -51,6 +54,7 @@ def command(
         bool, typer.Option("--previous", help="With --resume: resume from the checkpoint before the last.")
     ] = False,
     source: Source = None,
+    trust: Trust = False,
     view: Annotated[bool, typer.Option("--view", help="Open the Rerun viewer on the run.")] = False,
     serve: Annotated[bool, typer.Option("--serve", help="Show the run in a browser, and let viewers attach.")] = False,
     port: Port = None,
@@ -92,25 +96,28 @@ def command(
         raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
     if source is not None and resume is None and config is None:
         raise EcologyError("--source requires --resume RUN or --config FILE: a new run uses the files as they are.")
+    if trust and resume is None and config is None:
+        raise EcologyError("--trust requires --resume RUN or --config FILE: code that you name yourself is run anyway.")
     check_port(port, serve=serve)
     for option, given in (("paused", paused), ("pace", pace is not None), ("no-wait", no_wait)):
         if given and not serve:
             raise EcologyError(f"--{option} requires --serve.")
     from ecology.lab.cli.live import live, make_observers
     from ecology.lab.runs.folder import lock
+    from ecology.lab.runs.gate import Gate
     from ecology.lab.runs.run import open_run
 
     with contextlib.ExitStack() as stack:
         if resume is not None:
             stack.enter_context(lock(resume))
-            it = open_run(resume, ticks, device, source)
+            it = open_run(resume, ticks, device, source, trust=trust, say=say(quiet))
             it.resume(previous=previous)
         else:
             it = _new_run(
                 scenario,
                 out,
                 config,
-                source,
+                Gate(source, trust, say(quiet)),
                 changes=read_pairs("--set", set_, read_setting),
                 learners=learner or (),
                 ticks=ticks,
@@ -131,7 +138,7 @@ def command(
         live(it, observers, quiet=quiet)
 
 
-def _new_run(scenario: str | None, out: Path | None, config: Path | None, source: str | None, **options: Any) -> Run:
+def _new_run(scenario: str | None, out: Path | None, config: Path | None, gate: Gate, **options: Any) -> Run:
     """Return a run as `resolve` takes it, not yet begun; EcologyError where its folder is taken."""
     from ecology.lab.runs import source as sources
     from ecology.lab.runs.run import Run
@@ -140,8 +147,8 @@ def _new_run(scenario: str | None, out: Path | None, config: Path | None, source
     words = None if config is None else read_config(config)
     if words and "forked" in words:
         raise EcologyError(f"the config {str(config)!r} is of a fork; repeat that with `ecology fork`.")
-    copies = None if config is None else sources.choose(config.parent, source)
-    plan = resolve(scenario, config=words, copies=copies, **options)
+    copies = None if config is None else sources.choose(config.parent, gate.choice)
+    plan = resolve(scenario, config=words, copies=copies, gate=None if config is None else gate, **options)
     run = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")
     run.check_folder()
     return run

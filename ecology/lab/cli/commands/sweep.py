@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import writable
-from ecology.lab.cli.options import Quiet, Source, announces_compiling, count_cpus, format_number, read_pairs
+from ecology.lab.cli.options import Quiet, Source, Trust, announces_compiling, count_cpus, format_number, read_pairs
 from ecology.lab.runs.stopping import StoppedError
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ def command(
         typer.Option(metavar="COLUMN", help="Column of sweep.parquet to print and draw.", show_default="the drive"),
     ] = None,
     source: Source = None,
+    trust: Trust = False,
     quiet: Quiet = False,
 ) -> None:
     """Run many seeds and settings; write one table and one figure. Run the same command again to resume."""
@@ -85,7 +86,7 @@ def command(
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = sweeps.cells_of(
         scenario, out, seeds=sweeps.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
-        ticks=ticks, record=record, device=device, source=source,
+        ticks=ticks, record=record, device=device, source=source, trust=trust,
     )  # fmt: skip
     gpus = cluster.gpus_per_run(ray, device, gpus, memory)
     _check(cells, out, show or (), elsewhere=ray is not None)

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ecology.errors import EcologyError
-from ecology.lab.cli.options import Port, Source, announces_compiling, check_port
+from ecology.lab.cli.options import Port, announces_compiling, check_port
 
 ORDER = 11
 
@@ -29,7 +29,6 @@ def command(
         Path | None, typer.Option(metavar="FILE.png", help="File to save a picture to instead; needs no screen.")
     ] = None,
     tick: Annotated[int | None, typer.Option(min=0, help="Tick of the picture.", show_default="the last")] = None,
-    source: Source = None,
 ) -> None:
     """Open the recording of a run in the Rerun viewer, or save what it shows."""
     if tick is not None and screenshot is None:
@@ -39,7 +38,7 @@ def command(
         raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
     from ecology.lab.cli.live import wait, web_port
     from ecology.lab.runs.folder import CONFIG, RECORDING
-    from ecology.lab.runs.run import read_plan
+    from ecology.lab.runs.run import load_world
     from ecology.observers import viewer  # only here is a viewer looked for
 
     with contextlib.ExitStack() as stack:
@@ -51,7 +50,7 @@ def command(
                     f"--focus and --serve need the world of a run: there is no {CONFIG} in {str(run)!r}; give "
                     "the folder of the run."
                 )
-            world, name = read_plan(run, choice=source).load(), run.absolute().name
+            world, name = load_world(run), run.absolute().name
             past = Hindsight(stack.enter_context(viewer.complete(run)), world, name)
             run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
         if serve:
