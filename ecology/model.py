@@ -126,7 +126,9 @@ class Model:
             if (group.slots, group.actions) != (theirs.slots, theirs.actions):
                 return f"the slots of {name}"
             mine, changed = group.layout, theirs.layout
-            if any(not np.array_equal(getattr(mine, part), getattr(changed, part)) for part in ("low", "high", "scale")):
+            if any(
+                not np.array_equal(getattr(mine, part), getattr(changed, part)) for part in ("low", "high", "scale")
+            ):
                 return f"the range of what {name} perceives"
             if (mine.epsilon, mine.exponent) != (changed.epsilon, changed.exponent):
                 return f"the drive that {name} know"

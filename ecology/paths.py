@@ -25,9 +25,10 @@ def changed(scenario: Scenario, path: str, value: float) -> Scenario:
             f"{nearest(first, parts)}"
         )
     kind, at = parts[first]
-    several = list(getattr(scenario, kind))
+    several: list[Any] = list(getattr(scenario, kind))
     several[at] = _replaced(several[at], rest, value, path)
-    found = dataclasses.replace(scenario, schedule=(), sessions=(), **{kind: tuple(several)})
+    new: dict[str, Any] = {"schedule": (), "sessions": (), kind: tuple(several)}
+    found = dataclasses.replace(scenario, **new)
     for name in ("schedule", "sessions"):  # the events do not check themselves again
         object.__setattr__(found, name, getattr(scenario, name))
     return found

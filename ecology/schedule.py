@@ -1,7 +1,7 @@
 """The schedule of a scenario: what happens at which tick, and how a tick comes to hold it.
 
-Events are interventions: `interventions.intervene` does them, whoever runs the world. They come after the tick that ends
-at their time, so that an agent perceives what they did before it acts again.
+Events are interventions: `interventions.intervene` does them, whoever runs the world. They come after the tick that
+ends at their time, so that an agent perceives what they did before it acts again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ from ecology.world import Tick
 if TYPE_CHECKING:
     from ecology.env import Ecology
 
-GAPS = 2_000  # first word of the spawn key of the stream that gaps are drawn from, beyond those of concerns and learners
+GAPS = (
+    2_000  # first word of the spawn key of the stream that gaps are drawn from, beyond those of concerns and learners
+)
 
 
 class Due(NamedTuple):

@@ -150,9 +150,7 @@ def stock(resource: Resource, word: str | None) -> float:
     require(math.isfinite(resource.stock), f"the resource {resource.name!r} is unlimited; there is nothing to refill.")
     top = resource.most
     amount = top if word is None else number("a stock", word)
-    require(
-        0 <= amount <= top, f"a stock of {resource.name!r} lies between 0 and its capacity, {top:g}; got {word}."
-    )
+    require(0 <= amount <= top, f"a stock of {resource.name!r} lies between 0 and its capacity, {top:g}; got {word}.")
     return amount
 
 

@@ -324,12 +324,12 @@ class ArrayWorld:
         for name in state.arrays():
             setattr(state, name, arrays[name].copy())
         require(
-            values["state"].keys() == {f.name for f in fields(state)} - state.arrays().keys(),
+            values["state"].keys() == _plain(state).keys(),
             f"the snapshot's plain values are {sorted(values['state'])}; restore it with the version that wrote it.",
         )
         for name, value in values["state"].items():
             setattr(state, name, value)
-        changes.check_snapshot(state, {name: arrays[name] for name in memory}, self.model)
+        changes.check_snapshot(state, {name: arrays[name] for name in memory}, fresh.model)
         for name, stream in values["rng"].items():
             fresh._rng[name].bit_generator.state = stream
         fresh._physics.remember(arrays, self.model.dt)
@@ -341,6 +341,8 @@ class ArrayWorld:
             fresh.lesion_order,
             fresh._physics,
         )
+        if not len(arrays["told_position"]):  # the solver was built for the bodies where they are
+            self._touch(state)
         return self._resume(state)
 
     def _resume(self, state: State) -> Tick:

@@ -19,9 +19,7 @@ class Deviations(Sense):
 
     def __init__(self, whose: Perceiver) -> None:
         """Compile the deviations of the needs of `whose` species."""
-        self.components = tuple(
-            Component(n.name, "deviation", n.scale, *n.deviations) for n in whose.species.needs
-        )
+        self.components = tuple(Component(n.name, "deviation", n.scale, *n.deviations) for n in whose.species.needs)
         self._rows, self._width = whose.rows, len(self.components)
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
