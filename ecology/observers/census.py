@@ -16,7 +16,7 @@ from ecology.ground import plane_of
 from ecology.model import Group
 from ecology.observers.wishes import AGENTS, Click
 from ecology.scenario import Scenario
-from ecology.spec import require
+from ecology.spec import Species, require
 from ecology.state import CAUSES, Floats, Ints, State
 from ecology.world import Tick
 
@@ -158,6 +158,21 @@ def stocks(scenario: Scenario, state: State) -> Floats:
     return np.array([t for t, r in zip(total, scenario.resources, strict=True) if np.isfinite(r.stock)])
 
 
+def plotted(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of what is plotted of the world as a whole: the scenario's measures, then its cues."""
+    return (*scenario.measures, *(cue.name for cue in scenario.cues))
+
+
+def measured(scenario: Scenario, state: State) -> Floats:
+    """Return what is plotted of the world as a whole, in the order of `plotted`."""
+    return np.array([*scenario.measured(state), *(() if state.cue is None else state.cue)], float)
+
+
+def moving(species: Species) -> list[str]:
+    """Return under which name each set point of a species that moves is recorded, "" where it stays."""
+    return [f"{need.name}_set_point" if need.set_range is not None else "" for need in species.needs]
+
+
 def mean(value: Floats) -> float:
     """Return the mean of what is finite of `value` (k,), NaN of nothing."""
     value = value[np.isfinite(value)]
@@ -190,6 +205,7 @@ class Life:
     reward: Floats | None  # (n,)
     action: Ints  # (n,)
     place: Floats  # (n, 2)
+    set_point: Floats  # (n, needs) x*, or (needs,) where it stays
     names: Sequence[str]  # n
     field: Sequence[Floats]  # n outlines (k, 2) of the view field
     sight: Sequence[Floats]  # n times (k, 2), where lines of sight end

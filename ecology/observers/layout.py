@@ -139,7 +139,7 @@ def _population_views(scene: Scene) -> rrb.Container:
     if scene.stocked:
         last.append(_plot("/population/stocks", "stocks, units of intake"))
     if scene.measures:
-        last.append(_plot("/population/measures", "measures of the scenario"))
+        last.append(_plot("/population/measures", "measures and cues of the scenario"))
     last += [
         rrb.TensorView(origin=f"/population/coupling/{name}", name=f"{name}: who (row) feels whom (column)")
         for name in scene.coupled
@@ -213,7 +213,7 @@ def _need_views(scene: Scene, name: str) -> rrb.Container:
         views.append(
             rrb.TimeSeriesView(
                 origin=f"/{scene.at(name)}/needs",
-                name=f"{need.name} (x* {need.set_point:g})",
+                name=f"{need.name} (x* {need.set_point:g}{', moves' * (need.set_range is not None)})",
                 time_ranges=_last(STATE_TICKS, scene.scenario.dt),
                 plot_legend=rrb.PlotLegend(visible=False),
                 overrides={f"{scene.at(name)}/needs": rr.SeriesLines.from_fields(visible_series=shown)},

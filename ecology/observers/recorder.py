@@ -32,6 +32,8 @@ SECONDS = 30.0  # of the clock between parts, at most
 DEEDS = "interventions"  # column of a run with any: those since the last sampled tick
 FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action", DEEDS)
 MEASURE = "measures."  # before the name of a scenario's measure
+CUE, SET_POINT = "cues.", "set_points."  # before the name of a cue, and of a need whose set point moves
+TRIALS = ("session", "trial")  # columns of a scenario with sessions
 
 
 class Recorder:
@@ -39,7 +41,8 @@ class Recorder:
 
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
     name, drive (what is felt of others included), own_drive (without that), reward, action, one per
-    measure of the scenario (`measures.NAME`, the same in every row of a tick), and one per number that
+    measure of the scenario (`measures.NAME`, the same in every row of a tick), one per cue (`cues.NAME`) and per set
+    point that moves (`set_points.NEED`), session and trial in a scenario with sessions, and one per number that
     a mind reports. A run in which somebody intervened has `interventions` too: those since the last sampled tick, null
     where there was none. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
@@ -81,6 +84,9 @@ class Recorder:
         place = [{need.name: i for i, need in enumerate(s.needs)} for s in species]
         self._need_at = {name: np.array([p.get(name, -1) for p in place]) for name in needs}
         actions = list(dict.fromkeys(a.name for s in species for a in s.actions))
+        moving = {need.name for s in species for need in s.needs if need.set_range is not None}
+        self._set_point_at = {name: at for name, at in self._need_at.items() if name in moving}
+        self._timetable = env.timetable
         self._actions = pa.array(actions)
         self._action_at = np.zeros((len(species), max(len(s.actions) for s in species)), np.int32)
         for i, s in enumerate(species):
@@ -126,6 +132,13 @@ class Recorder:
         }
         for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
             rows[MEASURE + name] = np.full(len(slots), measured)
+        for cue, value in zip(self._scenario.cues, () if state.cue is None else state.cue, strict=True):
+            rows[CUE + cue.name] = np.full(len(slots), value)
+        if state.set_point is not None:
+            rows["set_point"] = state.set_point[slots]
+        if self._timetable is not None and self._scenario.sessions:
+            for word, value in zip(TRIALS, self._timetable.trial(state.tick), strict=True):
+                rows[word] = np.full(len(slots), value, object if isinstance(value, str) else None)
         if self._deeds:
             rows[DEEDS] = np.full(len(slots), "; ".join(f"tick {at}: {text}" for at, text in self._deeds), object)
             self._deeds = []
@@ -198,11 +211,10 @@ class Recorder:
         kinds = np.zeros(len(serials), int)
         kinds[which] = species
         names = pa.array([f"{self._species[k]}_{s}" for k, s in zip(kinds, serials, strict=True)])
-        internal = rows["internal"].astype(np.float32)
 
-        def variable(at: np.ndarray) -> pa.Array:
+        def variable(at: np.ndarray, of: str = "internal") -> pa.Array:
             column = at[species]
-            value = internal[np.arange(len(column)), np.maximum(column, 0)]
+            value = rows[of].astype(np.float32)[np.arange(len(column)), np.maximum(column, 0)]
             return pa.array(value, mask=column < 0)
 
         def word(codes: np.ndarray, words: pa.Array) -> pa.Array:
@@ -224,7 +236,9 @@ class Recorder:
             "own_drive": number(rows["own_drive"]),
             "reward": number(rows["reward"]),
             "action": word(self._action_at[species, rows["action"]], self._actions),
-            **{name: pa.array(rows[name]) for name in rows if name.startswith(MEASURE)},
+            **{name: pa.array(rows[name]) for name in rows if name.startswith((MEASURE, CUE))},
+            **{SET_POINT + name: variable(at, "set_point") for name, at in self._set_point_at.items()},
+            **{name: pa.array(rows[name].tolist()) for name in TRIALS if name in rows},
             **{name: pa.array(rows[name].tolist(), pa.string()) for name in rows if name == DEEDS},
         }
         for name, value in rows.items():
@@ -243,7 +257,7 @@ def check_columns(scenario: Scenario, minds: Mapping[str, Mind]) -> None:
     """Raise EcologyError where two columns of the metrics would have one name."""
     needs = {need.name for species in scenario.species for need in species.needs}
     told = {word for mind in minds.values() for word in mind.report()}
-    fixed = {*FIXED, *(MEASURE + name for name in scenario.measures)}
+    fixed = {*FIXED, *(TRIALS if scenario.sessions else ()), *(MEASURE + name for name in scenario.measures)}
     clash = sorted(needs & {*fixed, *told})
     require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
     clash = sorted(told & fixed)

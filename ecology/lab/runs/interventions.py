@@ -76,6 +76,20 @@ class Schedule:
             self.requests.get()[1].set_exception(EcologyError(why))
 
 
+def as_schedule(folder: Path, dt: float) -> str:
+    """Return the log of the run in `folder`, whose ticks last `dt`, as Python: a scenario's schedule.
+
+    Raises EcologyError where nothing was done to the run.
+    """
+    log = folder / INTERVENTIONS
+    if not log.exists():
+        raise EcologyError(f"nobody intervened in the run {str(folder)!r}: there is no {INTERVENTIONS} in it.")
+    lines = [f"    Event(do={json.dumps(each.do, ensure_ascii=False)}, at={each.tick * dt!r}, felt=False),\n"
+             for each in read_log(log)]  # fmt: skip
+    head = f'"""What was done to the run {folder.absolute().name}."""\n\nfrom ecology import Event\n\n'
+    return f"{head}SCHEDULE = (\n{''.join(lines)})\n"
+
+
 def read_log(path: Path) -> list[Entry]:
     """Return the interventions of a log; EcologyError, which names the line, where it is not one."""
     with readable("the interventions", path):

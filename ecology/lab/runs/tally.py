@@ -83,7 +83,8 @@ class Tally:
         self.own_drive[at // self.span] += self._by_species(state.own_drive, alive) if self._feels else drive
         self.living[at // self.span] += self.now
         self.tick = state.tick
-        self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
+        set_point = self._set_point if state.set_point is None else state.set_point
+        self.delta += np.abs(state.internal - set_point) * alive[:, None]
         self.lived += alive
         self.actions[self._row, tick.action] += alive
         if tick.died.any():
