@@ -23,7 +23,7 @@ import numpy as np
 from ecology import EcologyError, Group, elementary
 from ecology.agents import checkpoint, kernels
 from ecology.agents import device as devices
-from ecology.agents.base import DivergedError, Learner, Transition, drive_terms
+from ecology.agents.base import DivergedError, Learner, Transition, drive_bend, drive_terms
 from ecology.agents.curiosity import Curiosity
 from ecology.agents.memory import Memory
 from ecology.agents.movements import ARRIVES, Movements, adaptive, single_ticks
@@ -295,7 +295,12 @@ class HJB(Learner):
         mix_from, mix_to = map(np.ascontiguousarray, np.nonzero(mix))  # else kernels are compiled for strides too
         can = needs & layout.regulated & (layout.low < 0)  # needs that can be deprived
         deprived = layout.scale[can] if can.any() else layout.scale[needs]
+        above, power = drive_bend(layout)
         worst = float(np.sqrt(np.sum(deprived**2))) ** exponent  # drive of total deprivation
+        bent = bool(power != 2 or (above != 1).any())
+        if bent or (layout.below != 1).any():
+            lacking = (deprived * layout.below[can if can.any() else needs]) ** power
+            worst = float(np.sum(lacking)) ** (exponent / power)
         unit = np.where(needs | (kinds == "felt"), CHANGE * layout.scale, LENGTH * layout.scale)
         unit = np.append(np.where(angles, 1.0, unit), s.stride if s.adaptive_steps else self.group.dt)
         placed, centre = kinds == "position", np.zeros(len(kinds))
@@ -320,6 +325,10 @@ class HJB(Learner):
             felt=felt,
             epsilon=f4(layout.epsilon),
             exponent=f4(exponent),
+            root=f4(exponent) * f4(0.5) if power == 2 else f4(exponent / power),
+            power=f4(power),
+            above=above,
+            bent=bent,
             sharp=f4(s.place_width**-2),
             log_gamma=f4(elementary.logarithm(s.gamma)),
             dt=f4(self.group.dt),

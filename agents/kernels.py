@@ -73,6 +73,10 @@ class Senses(NamedTuple):
     felt: Array  # (D,)
     epsilon: np.float32  # of the drive
     exponent: np.float32
+    root: np.float32  # exponent / power
+    power: np.float32  # n of the drive
+    above: Array  # (D,) factor of what lies above its set point
+    bent: bool  # whether power or any factor is another than the paper's, 2 and 1
     sharp: np.float32  # 1 / width^2 of a place cell
     log_gamma: np.float32
     dt: np.float32
@@ -551,6 +555,23 @@ def raised(x, exponent):
 
 
 @within
+def bent_square(s, y, v):
+    """Return |b y|^n, the part of a deviation y of component v in the drive."""
+    size = y * s.above[v] if y > ZERO else -y
+    return raised(size, s.power) if size > ZERO else ZERO
+
+
+@within
+def bent_slope(s, y, v):
+    """Return 1/n of the slope of `bent_square` along y."""
+    size = y * s.above[v] if y > ZERO else -y
+    if size <= ZERO:
+        return ZERO
+    steep = raised(size, s.power - ONE)
+    return steep * s.above[v] if y > ZERO else -steep
+
+
+@within
 def drive(s, zeta, own):
     """Return d(zeta) for one zeta (D,); `own` (D,) is room to work in."""
     own[:] = ZERO
@@ -558,9 +579,9 @@ def drive(s, zeta, own):
         own[s.mix_to[e]] += s.mix_weight[e] * zeta[s.mix_from[e]]
     total, felt = s.epsilon, ZERO
     for v in range(len(own)):
-        total += own[v] * own[v]
+        total += bent_square(s, own[v], v) if s.bent else own[v] * own[v]
         felt += s.felt[v] * zeta[v]
-    return raised(total, s.exponent * HALF) + felt
+    return raised(total, s.root) + felt
 
 
 @within
@@ -569,9 +590,12 @@ def add_drive_slope(s, zeta, own, slope):
     drive(s, zeta, own)
     total = s.epsilon
     for v in range(len(own)):
-        total += own[v] * own[v]
+        total += bent_square(s, own[v], v) if s.bent else own[v] * own[v]
         slope[v] += s.felt[v]
-    factor = s.exponent * raised(total, s.exponent * HALF - ONE)
+    factor = s.exponent * raised(total, s.root - ONE)
+    if s.bent:
+        for v in range(len(own)):
+            own[v] = bent_slope(s, own[v], v)
     for e in range(len(s.mix_from)):
         slope[s.mix_from[e]] += factor * own[s.mix_to[e]] * s.mix_weight[e]
 

@@ -77,8 +77,11 @@ class Torch(Device):
     def _drive(self, zeta: Tensor) -> Tensor:
         """Return d at zeta (..., D)."""
         s = self.senses
-        total = (zeta @ self.mix).square().sum(-1) + s.epsilon
-        return (total.sqrt() if s.exponent == 1 else total ** (s.exponent / 2)) + zeta @ s.felt
+        own = zeta @ self.mix
+        if s.bent:  # at 0 the slope of |y|^(n / 2) is 0 or not finite; the floor keeps it finite
+            own = (own * torch.where(own > 0, s.above, 1.0)).abs().clamp(min=1e-12) ** (s.power / 2)
+        total = own.square().sum(-1) + s.epsilon
+        return (total.sqrt() if s.root == 0.5 else total**s.root) + zeta @ s.felt
 
     def _features(self, zeta: Tensor, centres: Tensor, cells: Tensor) -> Tensor:
         """Return the network inputs (a, R, I) of zeta (a, R, D): plain, cosine and sine, place cells."""

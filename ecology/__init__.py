@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ecology.single import GymEnv, gym_env
     from ecology.spec import (
         Action,
+        Adaptation,
         Arena,
         Birth,
         Crowding,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
         Season,
         Session,
         Species,
+        Stage,
         act,
         bite,
         consume,
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Action",
+    "Adaptation",
     "Arena",
     "Birth",
     "Crowding",
@@ -69,6 +72,7 @@ __all__ = [
     "Season",
     "Session",
     "Species",
+    "Stage",
     "State",
     "Tick",
     "World",

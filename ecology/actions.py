@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, stages
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError
 from ecology.ground import plane
@@ -144,8 +144,20 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
+    if model.stages is not None:
+        hurry(model, state, speed, way, model.stages.of(model.stages.speed, state.age))
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
+
+
+def hurry(model: Model, state: State, speed: Floats, way: Floats, factor: Floats) -> None:
+    """Multiply `speed` (N,) by `factor` (N,); a go_to, along its `way` (N, 2), still ends where it leads."""
+    going, left = np.flatnonzero(state.bound_for >= 0), np.full(len(speed), np.inf)
+    left[going] = np.sqrt(way[going, 0] ** 2 + way[going, 1] ** 2) / model.dt
+    for group, table in model.acting:
+        rows = group.slots
+        full = table.speed[state.action[rows]] * factor[rows]
+        speed[rows] = np.where(state.alive[rows], np.minimum(full, left[rows]), 0.0)
 
 
 def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
@@ -171,7 +183,7 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
     where one leads `toward` (N, K) another, bite and give where there is a target (n, A), all -1 without; an action
     that still immobilises is the only one open. A dead slot has no open action.
     """
-    return {
+    masks = {
         group.name: open_masks(
             state.internal[group.slots], state.alive[group.slots], state.hold[group.slots], state.action[group.slots],
             state.bound_for[group.slots], here[group.slots], toward[group.slots], targets[group.name],
@@ -179,6 +191,9 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
         )
         for group, table in model.acting
     }  # fmt: skip
+    if model.stages is not None:
+        stages.close(model, state, masks)
+    return masks
 
 
 # ---- compiled loops ----------------------------------------------------------------------------

@@ -138,6 +138,8 @@ def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -
         near = (arrays[name] >= (left - reach, bottom - reach)) & (arrays[name] <= (right + reach, top + reach))
         _hold(name, arrays[name], near, "in the arena", SNAPSHOT)
     speed, fastest = told["told_velocity"], FARTHEST * model.radius.max(initial=0.0) / model.dt
+    if model.stages is not None:
+        fastest *= model.stages.size.max()
     _hold("told_velocity", speed, np.abs(speed) <= fastest * (1 + ROUNDING), f"at most {fastest:g}", SNAPSHOT)
     _hold("stock", state.stock, state.stock >= 0, "at least 0", SNAPSHOT)
     _hold("heading", state.heading, np.abs(state.heading) <= np.pi, "from -pi to pi", SNAPSHOT)

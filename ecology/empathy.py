@@ -153,7 +153,9 @@ def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats
     delta = physiology.deviation(body, state.internal, state.set_point)
     felt = np.zeros((len(weight), delta.shape[1]))
     if coupling.empathy.form == "sum":
-        theirs = physiology.drive(delta[others] * coupling.counts, body.epsilon[others], body.exponent[others])
+        theirs = physiology.drive(
+            delta[others] * coupling.counts, body.epsilon[others], body.exponent[others], _form(body, others)
+        )
         felt[:, 0] = weight @ theirs
         return felt
     has = coupling.column >= 0
@@ -171,7 +173,8 @@ def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints, 
     """
     body, last = model.body, (state.drive, state.felt)
     delta = physiology.deviation(body, state.internal, state.set_point)
-    state.own_drive = state.drive = physiology.drive(delta, body.epsilon, 1.0 if body.straight else body.exponent)
+    exponent = 1.0 if body.straight else body.exponent
+    state.own_drive = state.drive = physiology.drive(delta, body.epsilon, exponent, body.form)
     if not model.couplings:
         return
     state.own("felt", "drive")
@@ -183,10 +186,14 @@ def update_drives(model: Model, state: State, pairs: Pairs | None, order: Ints, 
             state.drive[rows] = state.own_drive[rows] + felt[:, 0]
         else:
             state.drive[rows] = physiology.drive(
-                coupling.own * delta[rows] + felt, body.epsilon[rows], body.exponent[rows]
+                coupling.own * delta[rows] + felt, body.epsilon[rows], body.exponent[rows], _form(body, rows)
             )
     state.drive = np.where(state.alive, state.drive, last[0])
     state.felt = np.where(state.alive[:, None], state.felt, last[1])
+
+
+def _form(body: Body, which: slice | Ints) -> physiology.Form | None:
+    return None if body.form is None else body.form.rows(which)
 
 
 def weigh(

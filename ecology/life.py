@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary, physiology
+from ecology import elementary, physiology, setpoints
 from ecology.ground import Ground, wrap
 from ecology.spec import Birth, Hazard, Species
 from ecology.state import CAUSES, Bools, Floats, Ints, State
@@ -91,7 +91,7 @@ def start_lives(model: Model, state: State, new: Ints, position: Floats, heading
     state.internal[new] = start
     if state.set_point is not None:
         state.own("set_point")
-        state.set_point[new] = model.body.set_point[new]
+        state.set_point[new] = setpoints.at_birth(model, model.body.set_point, state.time)[new]
     state.serial[new] = state.next_serial + np.arange(len(new))
     state.next_serial += len(new)
     state.alive[new], state.age[new], state.cause[new], state.parent[new] = True, 0.0, 0, -1

@@ -17,8 +17,10 @@ from ecology.physiology import Body
 from ecology.resources import ResourceTable
 from ecology.scenario import Scenario, puts
 from ecology.senses import Gaze, Layout
+from ecology.setpoints import Moving, compile_moving
 from ecology.sight import Eyes, compile_eyes
 from ecology.spec import Species
+from ecology.stages import Stages, compile_stages
 from ecology.state import Bools, Floats, Ints, State
 
 
@@ -75,6 +77,8 @@ class Model:
     meets: bool  # whether bodies bite, give or crowd
     mortal: bool  # whether anyone can die
     grows: bool  # whether anyone can be born
+    moving: Moving | None  # set points that move by themselves
+    stages: Stages | None  # of life
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Return this model: it never changes, so copies of a world share it."""
@@ -199,6 +203,8 @@ def compile_model(scenario: Scenario) -> Model:
         or scenario.rule is not None
         or any(s.hazard is not None or any(a.kind == "bite" for a in s.actions) for s in species),
         grows=any(s.grows for s in species) or puts(scenario),
+        moving=compile_moving(species, width),
+        stages=compile_stages(species),
     )
 
 

@@ -133,16 +133,17 @@ class Scenario:
                 "room in it; give a smaller radius.",
             )
         for species in self.species:
-            room = polygon if self.arena.torus else polygon.buffer(-species.radius)
+            widest = species.radius * max([stage.size for stage in species.stages], default=1.0)
+            room = polygon if self.arena.torus else polygon.buffer(-widest)
             require(
                 not room.is_empty,
-                f"species {species.name!r}: a body of radius {species.radius!r} finds no room in the arena.",
+                f"species {species.name!r}: a body of radius {widest!r} finds no room in the arena.",
             )
             if species.position is not None:
                 require(
                     room.covers(shapely.Point(species.position)),
                     f"species {species.name!r}: its position {species.position!r} lies outside the arena "
-                    f"or nearer than its radius {species.radius!r} to a wall.",
+                    f"or nearer than its radius {widest!r} to a wall.",
                 )
         for resource in self.resources:
             if isinstance(resource.motion, Drift):  # sooner or later it comes into reach
@@ -160,11 +161,14 @@ class Scenario:
         owner = f"species {species.name!r}"
         resources = [resource.name for resource in self.resources]
         unlimited = [resource.name for resource in self.resources if math.isinf(resource.stock)]
+        faster = max([stage.speed for stage in species.stages], default=1.0)
+        least = species.radius * min([stage.size for stage in species.stages], default=1.0)
         for action in species.actions:
+            fastest = action.speed * faster
             require(
-                action.speed * self.dt <= FARTHEST * species.radius,
-                f"{owner}: {action.name!r} at speed {action.speed!r} moves {action.speed * self.dt:g} in a tick of "
-                f"{self.dt!r}, and a tick moves a body by at most {FARTHEST} radii ({FARTHEST * species.radius:g}); "
+                fastest * self.dt <= FARTHEST * least,
+                f"{owner}: {action.name!r} at speed {fastest!r} moves {fastest * self.dt:g} in a tick of "
+                f"{self.dt!r}, and a tick moves a body by at most {FARTHEST} radii ({FARTHEST * least:g}); "
                 "lower the speed or dt, or widen the body.",
             )
             require(

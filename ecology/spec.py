@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ecology import typed
-from ecology.errors import EcologyError
+from ecology.errors import EcologyError, nearest
 
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
 Commitment = Literal["free", "committed"]
@@ -59,6 +59,34 @@ class Season:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Adaptation:
+    """How the set point of a need moves by itself, within the need's `set_range`.
+
+    x* = x*_0 + swing sin(2 pi t / period + phase) + offset. What is eaten, or received from others, moves the offset by
+    `gain` per unit; it goes back to 0 by `recovery` per unit of time, and by the share `relaxation`.
+    """
+
+    gain: float = 0.0  # change of the set point per unit taken in
+    recovery: float = 0.0  # towards x*_0, units per unit of time
+    relaxation: float = 0.0  # towards x*_0, share of the offset per unit of time
+    swing: float = 0.0  # of the clock, units
+    period: float = 1.0  # of the clock, units of time
+    phase: float = 0.0  # of the clock, radians
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        numbers = {name: getattr(self, name) for name in ("gain", "recovery", "relaxation", "swing", "period", "phase")}
+        _finite("Adaptation", **numbers)
+        for name in ("recovery", "relaxation", "swing"):
+            require(numbers[name] >= 0, f"Adaptation: {name} must not be negative, got {numbers[name]!r}.")
+        require(self.period >= 1e-9, f"Adaptation: period must be positive, at least 1e-9, got {self.period!r}.")
+        require(
+            self.gain != 0 or self.swing > 0,
+            "Adaptation: nothing moves the set point, gain and swing are 0; give one, or leave the adaptation out.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Need:
     """One variable x of the internal state and the way it moves by itself (paper, eq. of d zeta).
 
@@ -81,6 +109,9 @@ class Need:
     lethal: bool = False  # leaving the bounds kills instead of being clamped
     regulated: bool = True  # whether the deviation counts in the drive
     set_range: tuple[float, float] | None = None  # within which the set point may move; None: it stays
+    adaptation: Adaptation | None = None  # how the set point moves by itself; it needs a set_range
+    weight: float = 1.0  # w of the drive: how much the deviation counts
+    excess: float = 1.0  # factor of w above the set point
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -118,7 +149,14 @@ class Need:
         self._check_range(owner)
 
     def _check_range(self, owner: str) -> None:
+        _finite(owner, weight=self.weight, excess=self.excess)
+        require(self.weight > 0, f"{owner}: weight must be positive, got {self.weight!r}; regulated=False is for none.")
+        require(self.excess >= 0, f"{owner}: excess must not be negative, got {self.excess!r}.")
         if self.set_range is None:
+            require(
+                self.adaptation is None,
+                f"{owner}: a set point that moves needs a set_range, within which it stays; got None.",
+            )
             return
         require(len(self.set_range) == 2, f"{owner}: set_range is (lowest, highest), got {self.set_range!r}.")
         _finite(owner, **{"set_range[0]": self.set_range[0], "set_range[1]": self.set_range[1]})
@@ -127,6 +165,12 @@ class Need:
             self.bounds[0] <= lowest <= self.set_point <= highest <= self.bounds[1] and lowest < highest,
             f"{owner}: set_range must be (lowest, highest) within the bounds {self.bounds!r} and include the set point "
             f"{self.set_point!r}, got {self.set_range!r}.",
+        )
+        swing = 0.0 if self.adaptation is None else self.adaptation.swing
+        require(
+            lowest <= self.set_point - swing and self.set_point + swing <= highest,
+            f"{owner}: a swing of {swing!r} around the set point {self.set_point!r} leaves the set_range "
+            f"{self.set_range!r}; widen it, or swing less.",
         )
 
     @property
@@ -588,6 +632,31 @@ class Empathy:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A stage of life, from an age to the next one."""
+
+    name: str
+    age: float = 0.0  # at which it begins, time
+    speed: float = 1.0  # factor of the speed of every action
+    size: float = 1.0  # factor of the radius
+    metabolism: float = 1.0  # factor of the decay of every need
+    cannot: tuple[str, ...] = ()  # actions that are closed: other food, no hunting yet
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"stage {self.name!r}"
+        _words(owner, self.name)
+        numbers = {name: getattr(self, name) for name in ("age", "speed", "size", "metabolism")}
+        _finite(owner, **numbers)
+        for name, value in numbers.items():
+            least = name == "size"
+            require(
+                value > 0 if least else value >= 0,
+                f"{owner}: {name} must {'be positive' if least else 'not be negative'}, got {value!r}.",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cue:
     """A light, a tone: a number that everybody of a species with it among its `cues` senses, wherever it is.
 
@@ -690,8 +759,10 @@ class Species:
     heading: float | None = None  # at birth, radians; any when None
     collapse: Mapping[str, float] = field(default_factory=dict)  # at these thresholds sleep is the only action left
     commitment: Commitment = "free"  # whether a go_to may be left before it arrives
-    drive_epsilon: float = 0.001  # of the drive (epsilon + delta . delta) ^ (exponent / 2)
-    drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic
+    stages: tuple[Stage, ...] = ()  # of life, the first from the age 0 on; none: all ages are alike
+    drive_epsilon: float = 0.001  # of the drive (epsilon + sum_i w_i |delta_i|^n) ^ (exponent / n)
+    drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic; n / m of Keramati and Gutkin's root m
+    drive_power: float = 2.0  # n; 2: the paper's
     learner: str = "hjb"
     learner_settings: Mapping[str, object] = field(default_factory=dict)
 
@@ -728,6 +799,11 @@ class Species:
         require(self.view_range > 0, f"{owner}: view_range must be positive, got {self.view_range!r}.")
         require(self.drive_epsilon > 0, f"{owner}: drive_epsilon must be positive, got {self.drive_epsilon!r}.")
         require(self.drive_exponent > 0, f"{owner}: drive_exponent must be positive, got {self.drive_exponent!r}.")
+        require(
+            isinstance(self.drive_power, (int, float)) and 1 <= self.drive_power <= 16,
+            f"{owner}: drive_power must be a number from 1 to 16, got {self.drive_power!r}.",
+        )
+        self._check_stages(owner)
         for what, names in (
             ("need", [need.name for need in self.needs]),
             ("action", [action.name for action in self.actions]),
@@ -743,6 +819,22 @@ class Species:
                 any(action.kind == "sleep" for action in self.actions),
                 f"{owner}: collapse leaves only sleep, but no action of kind 'sleep' is given.",
             )
+
+    def _check_stages(self, owner: str) -> None:
+        ages, names = [stage.age for stage in self.stages], [stage.name for stage in self.stages]
+        require(
+            not ages or (ages[0] == 0 and ages == sorted(set(ages))),
+            f"{owner}: stages follow each other by age, the first from 0 on, got {ages!r}.",
+        )
+        require(len(set(names)) == len(names), f"{owner}: every stage needs a name of its own, got {names!r}.")
+        able = [action.name for action in self.actions if action.kind != "rest"]
+        for stage in self.stages:
+            for name in stage.cannot:
+                require(
+                    name in able,
+                    f"{owner}: the stage {stage.name!r} cannot {name!r}, which is no action but rest. "
+                    f"{nearest(name, able)}",
+                )
 
     @property
     def slots(self) -> int:

@@ -19,7 +19,9 @@ from ecology import (
     physiology,
     resources,
     senses,
+    setpoints,
     sight,
+    stages,
 )
 from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
@@ -117,7 +119,13 @@ class ArrayWorld:
         met = meetings.meet(model, state, seen, deeds.control, rng)
         # physiology: bodies drift, act and are disturbed
         internal = physiology.advance(
-            model.body, state.internal, deeds.control, state.time, state.age, model.dt, rng["noise"]
+            physiology.body_now(model, state),
+            state.internal,
+            deeds.control,
+            state.time,
+            state.age,
+            model.dt,
+            rng["noise"],
         )
         internal += met.received - met.given
         # deaths and births; a slot rests for a tick before a newborn takes it
@@ -130,6 +138,10 @@ class ArrayWorld:
         # time
         state.tick += 1
         state.time = state.tick * model.dt
+        if model.moving is not None:
+            setpoints.move(model, state, model.body.set_point, ingested + met.received, before.time)
+        if model.stages is not None and model.stages.grow:
+            self._physics.resize(stages.radii(model, state), state.position, state.alive)
         # senses and observation
         self.perception = self._perceive(state, seen.pairs)
         self._state = state
@@ -185,7 +197,11 @@ class ArrayWorld:
     def _touch(self, state: State) -> None:
         """Build the solver for the bodies where they are."""
         model = self.model
-        self._physics = Physics(model.ground, model.radius, model.solid, state.position, state.alive)
+        radius, least = stages.radii(model, state), None
+        if radius is not model.radius:
+            assert model.stages is not None
+            least = float((model.radius[:, None] * model.stages.size).min())
+        self._physics = Physics(model.ground, radius, model.solid, state.position, state.alive, least)
 
     # ---- what observers may ask ------------------------------------------------------------
 
@@ -332,6 +348,8 @@ class ArrayWorld:
         changes.check_snapshot(state, {name: arrays[name] for name in memory}, fresh.model)
         for name, stream in values["rng"].items():
             fresh._rng[name].bit_generator.state = stream
+        if fresh.model.stages is not None:
+            fresh._touch(state)
         fresh._physics.remember(arrays, self.model.dt)
         self.reweighed = dict(values.get("reweighed", {}))
         self.model, self.changes = fresh.model, fresh.changes
@@ -408,6 +426,6 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         lost=nothing.copy(),
         returned=0,
         closed=np.zeros(n, np.int64),
-        set_point=model.body.set_point.copy() if model.body.moves else None,
+        set_point=setpoints.at_birth(model, model.body.set_point, 0.0) if model.body.moves else None,
         cue=np.array([cue.start for cue in model.scenario.cues], float) if model.scenario.cues else None,
     )

@@ -35,6 +35,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
+from ecology import physiology
 from ecology.ground.outline import polygon_of
 from ecology.observers import census, colours, maps, shapes
 from ecology.observers.backdrop import text
@@ -477,12 +478,15 @@ def decision_text(choice: Choice) -> str:
 def drive_shares(species: Species, delta: np.ndarray) -> np.ndarray:
     """Return the share of each need in the own drive at x - x* (n, V), (n, V) in drive units; their sum is the drive.
 
-    The share of a need is d delta_i^2 / sum_j delta_j^2: which need the drive is about. Without any deviation it is 0.
+    The share of a need is d |c_i delta_i|^n / sum_j |c_j delta_j|^n: which need the drive is about. Without any
+    deviation it is 0.
     """
     regulated = np.array([need.regulated for need in species.needs])
-    square = np.where(regulated, delta, 0.0) ** 2
+    delta = np.where(regulated, delta, 0.0)
+    below, above = physiology.drive_factors(species)
+    square = np.abs(delta * np.where(delta > 0, above, below)) ** species.drive_power
     total = square.sum(axis=1, keepdims=True)
-    drive = (total + species.drive_epsilon) ** (species.drive_exponent / 2)
+    drive = physiology.drive_of(species, delta)[:, None]
     return np.divide(
         drive * square, total, out=np.where(np.isfinite(total), np.zeros_like(square), np.nan), where=total > 0
     )

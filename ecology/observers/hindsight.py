@@ -157,7 +157,7 @@ class Hindsight:
             if name_:
                 target[:, i] = of(name_)
         delta = np.where([n.regulated for n in species.needs], x - target, 0.0)
-        own = physiology.drive(delta, species.drive_epsilon, species.drive_exponent)
+        own = physiology.drive_of(species, delta)
         if scene.full:
             drive, reward = of("drive").astype(float), of("reward").astype(float)
         else:  # what it felt of others was not recorded

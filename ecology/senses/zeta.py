@@ -41,6 +41,9 @@ class Layout:
     regulated: Bools  # (D,) components that count in the drive
     epsilon: float  # of the drive
     exponent: float  # of the drive
+    below: Floats  # (D,) factor of a deviation below the set point in the drive
+    above: Floats  # (D,) factor above it
+    power: float  # n of the drive
     own: Floats  # (D,) w_ii of the average form of empathy, 1 without
     felt_to: Ints  # (D,) deviation that a felt component adds to; -1: it adds to the drive (sum form), or is none
 
@@ -95,6 +98,7 @@ def _lay_out(species: Species, components: Sequence[Component], everyone: Sequen
     """Return the layout of `components`, those of the needs first."""
     own, needs = own_weights(species, everyone), len(species.needs)
     rest = len(components) - needs
+    below, above = (np.append(factor, np.ones(rest)) for factor in physiology.drive_factors(species))
     return Layout(
         names=tuple(c.name for c in components),
         kinds=tuple(c.kind for c in components),
@@ -104,6 +108,9 @@ def _lay_out(species: Species, components: Sequence[Component], everyone: Sequen
         regulated=np.array([n.regulated for n in species.needs] + [False] * rest),
         epsilon=species.drive_epsilon,
         exponent=species.drive_exponent,
+        below=below,
+        above=above,
+        power=species.drive_power,
         own=np.array([own[n.name] for n in species.needs] + [1.0] * rest),
         felt_to=np.array([c.felt_to for c in components]),
     )

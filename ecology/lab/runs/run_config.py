@@ -111,9 +111,9 @@ TABLES = ("settings", "learners", "forked", "made_with")
 # fields that are younger than checkpoints, which know nothing of them: left out where they hold their default
 LATER: Mapping[str, Mapping[str, Any]] = {
     "Arena": {"holes": ()},
-    "Need": {"set_range": None},
+    "Need": {"set_range": None, "adaptation": None, "weight": 1.0, "excess": 1.0},
     "Scenario": {"cues": (), "schedule": (), "sessions": ()},
-    "Species": {"cues": ()},
+    "Species": {"cues": (), "stages": (), "drive_power": 2.0},
 }
 
 
