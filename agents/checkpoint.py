@@ -104,7 +104,7 @@ def read(folder: Path, *, previous: bool = False) -> dict[str, Part]:
     raise EcologyError(
         f"the checkpoint {str(folder)!r} was written by ecology {made_by[1]} in format {made_by[0]!r}; this is ecology "
         f"{ecology.__version__}, which reads its own in format {FORMAT}. Read it with the version that wrote it, or "
-        "start the run anew."
+        "start a new run."
     )
 
 

@@ -471,9 +471,8 @@ def evaluate(
     """
     if not 0 <= skip < ticks:
         raise EcologyError(f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped.")
-    group = learner.group
     check_fits(learner, scenario)
-    moves = getattr(learner, "moves", None)
+    group = learner.group
     drives: dict[str, dict[str, Any]] = {"learned": {}, "learned_epsilon_0": {}}
     own_drives: dict[str, dict[str, Any]] = {"learned": {}, "learned_epsilon_0": {}}
 
@@ -483,42 +482,21 @@ def evaluate(
         drives[name], own_drives[name] = interval(series), interval(drive_series(life, skip, own=True))
         return series
 
-    for other_name in BASELINES:
-        tell(f"living as {other_name}")
-        try:
-            other = baseline(other_name, scenario, group, seed, ticks, home)
-        except EcologyError:
-            continue  # a world in which this one cannot live: nothing to walk to
-        keep(other_name, fresh_life(scenario, other, ticks, seed))
-        if isinstance(other, Planner) and moves is not None:
-            explorer = Exploring(other, moves, EPSILON, np.random.SeedSequence(seed))
-            keep("planner_exploring", fresh_life(scenario, explorer, ticks, seed))
-    yardstick = "camping" if "camping" in drives else "rest"
-    usual = drives.get(yardstick, {}).get("mean")
-    bound = None if usual is None else REGULATED * usual
-    worst, sunk = {}, {}
-    frozen = {}
+    _live_as_baselines(scenario, learner, seed, ticks, home, keep, tell)
+    yardstick, bound = _yardstick(drives)
+    worst, sunk, frozen = {}, {}, {}
     for each, epsilon in (("learned", EPSILON), ("learned_epsilon_0", 0.0)):
         tell(f"living with epsilon {epsilon:g}")
         frozen[each] = fresh_life(scenario, learner, ticks, seed, epsilon)
         worst[each] = worst_block(keep(each, frozen[each]), skip=skip)
         sunk[each] = sinks(frozen[each], group, bound) if bound is not None else None
-    life = frozen["learned"]
     learner.evaluating(EPSILON)  # as all that follows is measured
     tell("maps")
-    maps = maps_of(scenario, learner, slot)
+    life, maps = frozen["learned"], maps_of(scenario, learner, slot)
     tell("probe")
     probed = probe(scenario, learner, seed, places)
-    checks: dict[str, DeviationCheck] = {}
     gamma = getattr(getattr(learner, "settings", None), "gamma", None)
-    lives = [life]
-    if gamma is not None and learner.deviation(slot, life.zeta[:1, slot].astype(np.float32)) is not None:
-        tell("deviation check")
-        rng, far = np.random.default_rng(seed), horizon(gamma, group.dt)
-        starts = random_starts(scenario, learner, seed, STARTS, far + far // 4)
-        lives += starts
-        checks["life"] = compare_deviation(learner, [(life, slot, skip)], gamma, STATES, rng)
-        checks["random_starts"] = compare_deviation(learner, [(each, slot, 0) for each in starts], gamma, STATES, rng)
+    checks, lives = _check_deviation(scenario, learner, (life, slot, skip), gamma, seed, tell)
     tell("transition check")
     report = {
         "scenario": scenario.name,
@@ -543,17 +521,73 @@ def evaluate(
         "action_shares": action_shares(life, group),
         "deviation_maps": maps_report(maps, scenario, group) if maps is not None else None,
         "probe": probed,
-        "deviation_check": {
-            "gamma": gamma,
-            "truncation_error_at_most": FORGOTTEN * float(life.drive.max()),
-            **{name: check.report() for name, check in checks.items()},
-        }
-        if checks
-        else None,
+        "deviation_check": _deviation_report(checks, gamma, life),
         "transition_check": transition_check(scenario, learner, lives, seed, slot),
         "about": dict(ABOUT),
     }
     return Findings(report=report, life=life, maps=maps, checks=checks)
+
+
+def _yardstick(drives: Mapping[str, Mapping[str, Any]]) -> tuple[str, float | None]:
+    """Return the baseline that says what is regulated, and the drive below which a life counts so."""
+    name = "camping" if "camping" in drives else "rest"
+    usual = drives.get(name, {}).get("mean")
+    return name, None if usual is None else REGULATED * usual
+
+
+def _deviation_report(checks: Mapping[str, DeviationCheck], gamma: float | None, life: Life) -> dict[str, Any] | None:
+    """Return what the checks of J found, None without one."""
+    if not checks:
+        return None
+    worst = FORGOTTEN * float(life.drive.max())
+    found = {name: check.report() for name, check in checks.items()}
+    return {"gamma": gamma, "truncation_error_at_most": worst, **found}
+
+
+def _live_as_baselines(
+    scenario: Scenario,
+    learner: Learner,
+    seed: int,
+    ticks: int,
+    home: Scenario | None,
+    keep: Callable[[str, Life], Floats],
+    tell: Callable[[str], None],
+) -> None:
+    """Run every baseline from birth and `keep` its life under its name."""
+    moves = getattr(learner, "moves", None)
+    for name in BASELINES:
+        tell(f"living as {name}")
+        try:
+            other = baseline(name, scenario, learner.group, seed, ticks, home)
+        except EcologyError:
+            continue  # a world in which this one cannot live: nothing to walk to
+        keep(name, fresh_life(scenario, other, ticks, seed))
+        if isinstance(other, Planner) and moves is not None:
+            explorer = Exploring(other, moves, EPSILON, np.random.SeedSequence(seed))
+            keep("planner_exploring", fresh_life(scenario, explorer, ticks, seed))
+
+
+def _check_deviation(
+    scenario: Scenario,
+    learner: Learner,
+    lived: tuple[Life, int, int],
+    gamma: float | None,
+    seed: int,
+    tell: Callable[[str], None],
+) -> tuple[dict[str, DeviationCheck], list[Life]]:
+    """Compare J with what followed, in a life and from random starts; return the checks by name, and all lives.
+
+    `lived` is the life of the learner, the slot that is meant and the ticks to skip.
+    """
+    (life, slot, skip), checks = lived, {}
+    if gamma is None or learner.deviation(slot, life.zeta[:1, slot].astype(np.float32)) is None:
+        return {}, [life]
+    tell("deviation check")
+    rng, far = np.random.default_rng(seed), horizon(gamma, learner.group.dt)
+    starts = random_starts(scenario, learner, seed, STARTS, far + far // 4)
+    checks["life"] = compare_deviation(learner, [(life, slot, skip)], gamma, STATES, rng)
+    checks["random_starts"] = compare_deviation(learner, [(each, slot, 0) for each in starts], gamma, STATES, rng)
+    return checks, [life, *starts]
 
 
 def action_shares(life: Life, group: Group) -> dict[str, float]:

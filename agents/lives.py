@@ -1,4 +1,4 @@
-"""Lives of learners that no longer learn: recorded, and measured by their drive."""
+"""Record the lives of learners that no longer learn, and measure their drive."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Life:
 
 
 class Diary(Observer):
-    """An observer that keeps a life of the species of `group`."""
+    """An observer that records the lives of the species of `group`."""
 
     def __init__(self, group: Group, tick: Tick, position: Floats) -> None:
         """Start with `tick` and the `position` (N, 2) of all agents of the world in it."""
@@ -61,7 +61,7 @@ class Diary(Observer):
         return np.array(rows, np.int64).reshape(len(rows), self.group.size)
 
     def life(self) -> Life:
-        """Return all that was kept."""
+        """Return the ticks recorded so far."""
         name, slots = self.group.name, self.group.slots
         return Life(
             zeta=np.array([tick.observations[name] for tick in self.ticks], float),
@@ -76,7 +76,7 @@ class Diary(Observer):
 
 
 def company(env: Ecology, learner: Learner) -> dict[str, Learner]:
-    """Return who acts for each species: `learner` for its own, all others rest."""
+    """Return a learner for each species: `learner` for its own; agents of all others rest."""
     found = {name: learner for name in env.groups if name == learner.group.name}
     if not found:
         raise EcologyError(
@@ -88,7 +88,7 @@ def company(env: Ecology, learner: Learner) -> dict[str, Learner]:
 
 
 def check_fits(learner: Learner, scenario: Scenario) -> None:
-    """Raise EcologyError where `learner` senses or does anything that its species does not in `scenario`."""
+    """Raise EcologyError if `learner` has other senses or actions than its species has in `scenario`."""
     mine = learner.group
     theirs = Ecology(scenario).groups.get(mine.name)
     differ = (
@@ -113,7 +113,7 @@ def check_fits(learner: Learner, scenario: Scenario) -> None:
 
 
 def live(env: Ecology, learner: Learner, tick: Tick, ticks: int) -> Life:
-    """Return a life of `ticks` ticks from `tick`, the learner's movements begun anew."""
+    """Run `ticks` ticks from `tick` and return the life; movements under way are dropped first."""
     acting, diary = company(env, learner), Diary(learner.group, tick, env.state_view.position)
     learner.begin()
     loop.run(env, acting, tick, ticks, [diary])

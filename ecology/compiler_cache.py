@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import functools
+import hashlib
 import os
 import shutil
 import stat
 import tempfile
 import types
 from pathlib import Path
+from typing import Any
 
 import numba
 
@@ -41,6 +44,29 @@ def use_cache(file: str, *inlined: str) -> None:
     if not _can_cache(file):
         folder = str(_temporary_folder())
         os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+
+
+def keep_compiled(function: Any, sources: tuple[Path, ...]) -> Any:
+    """Let Numba keep the compiled code of `function` on disk until its own source or one of `sources` changes.
+
+    Numba looks at the file of a function alone, not at the files of what is compiled into it. Here the code is kept
+    under a digest of all of them. Returns `function`, a dispatcher that was made without `cache`.
+    """
+    function.enable_caching()
+    own = Path(function.py_func.__code__.co_filename)
+    function._cache._cache_file._source_stamp = _digest((own, *sources))
+    return function
+
+
+def is_kept(function: Any) -> bool:
+    """Return whether compiled code of `function`, made by its present sources, is on disk."""
+    return bool(function._cache._cache_file._load_index())
+
+
+@functools.lru_cache
+def _digest(sources: tuple[Path, ...]) -> str:
+    """Return a digest of what is written in `sources`."""
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sources)).hexdigest()
 
 
 def _can_cache(file: str) -> bool:

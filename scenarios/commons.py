@@ -1,7 +1,7 @@
 """The tragedy of the commons: n agents eat from one pool that regrows in proportion to what is left of it.
 
 The pool E grows by a share `growth` per unit of time, up to its capacity E0. Eaters with a fixed appetite q take
-n q: E' = min(E0, (1 + growth) E - n q) per unit of time, which a full pool bears exactly when n q <= growth E0, and
+n q: E' = min(E0, (1 + growth) E - n q) per unit of time, which a full pool sustains exactly when n q <= growth E0, and
 which otherwise empties it for good after ln(n q / (n q - growth E0)) / ln(1 + growth). Agents that learn eat to
 hold a need at its set point, which takes `decay` each: n decay in all, as long as nobody takes more than it needs.
 A pool that has once fallen below n decay / growth is lost, whoever is to blame.

@@ -10,10 +10,11 @@ import pytest
 from worlds import from_python, kind, square, start
 
 from ecology import Ecology, EcologyError, Group, Need, Neighbours, Tick, agents, bite, scenarios, senses
-from ecology.agents import kernels, loop
+from ecology.agents import loop
 from ecology.agents.base import Learner, Transition, drive_terms
 from ecology.agents.baselines import Greedy
 from ecology.agents.hjb import HJB
+from ecology.agents.hjb.devices.cpu.encoding import drive
 
 SEED = np.random.SeedSequence(5)
 SMALL = {"width": 16, "batch": 16, "batch_f": 16, "place_cells": 8, "memory": 200, "inherit": True}
@@ -123,7 +124,7 @@ def test_without_inheritance_a_parent_makes_no_difference() -> None:
 def test_a_life_goes_on_through_deaths_and_births() -> None:
     """While a slot is empty nothing of it changes but its streams; the newborn lives and learns from its own life."""
     env, learner, tick = lived(300)
-    assert learner.movement[1] == -1
+    assert learner.execution.movement[1] == -1
     empty = everything(learner)
     tick = loop.run(env, {"agent": learner}, tick, 9)
     for name in ("age", "decisions", "memory.count"):
@@ -293,7 +294,7 @@ def test_drive_as_an_agent_knows_it(fields: dict[str, object], expected: float) 
     own = np.square(zeta @ mix).sum() + 0.5
     assert own ** (exponent / 2) + zeta @ felt == pytest.approx(expected, rel=1e-6)
     mix_from, mix_to = np.nonzero(mix)
-    senses = lived(0)[1].senses._replace(
+    encoding = lived(0)[1].encoding._replace(
         mix_from=mix_from,
         mix_to=mix_to,
         mix_weight=mix[mix_from, mix_to],
@@ -301,8 +302,8 @@ def test_drive_as_an_agent_knows_it(fields: dict[str, object], expected: float) 
         epsilon=np.float32(0.5),
         exponent=np.float32(exponent),
     )
-    drive = from_python(kernels.drive)
-    assert drive(senses, zeta, np.empty_like(zeta)) == pytest.approx(expected, rel=1e-6)
+    known = from_python(drive)
+    assert known(encoding, zeta, np.empty_like(zeta)) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(("name", "value"), [("mutation", -0.1), ("inherit", 1), ("mutation", float("nan"))])

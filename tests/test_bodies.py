@@ -185,10 +185,10 @@ def test_the_drive_has_its_form_in_the_world_and_in_every_learner(power, exponen
     env = start(formed(power, exponent))
     group, species = env.groups["body"], env.scenario.species[0]
     mind = make("hjb", group, np.random.SeedSequence(0), {})
-    from ecology.agents import kernels
+    from ecology.agents.hjb.devices.cpu import encoding, first_order
 
-    senses = mind._senses()
-    drive, slope = from_python(kernels.drive), from_python(kernels.add_drive_slope)
+    senses = mind.encoding
+    drive, slope = from_python(encoding.drive), from_python(first_order.add_drive_slope)
     for _ in range(20):
         internal = rng.uniform(0.2, 5.8, (2, 3))
         tick = env.put(internal=internal)
@@ -212,16 +212,16 @@ def test_the_drive_has_its_form_in_the_world_and_in_every_learner(power, exponen
 def test_torch_knows_the_form_of_the_drive():
     """The device for GPUs has the same drive, and a slope that is finite at the set point."""
     torch = pytest.importorskip("torch")
-    from ecology.agents.torch_device import Torch
+    from ecology.agents.hjb.devices.torch import encoding
 
     for power, exponent in FORMS:
         env = start(formed(power, exponent))
         mind = make("hjb", env.groups["body"], np.random.SeedSequence(0), {})
-        device = Torch("cpu", mind._senses())
+        known = encoding.on_device(mind.encoding, torch.device("cpu"))
         zeta = torch.zeros(2, len(env.groups["body"].layout.names))
         zeta[0, :3] = torch.tensor([0.7, -1.2, 3.0])
         zeta.requires_grad_()
-        found = device._drive(zeta)
+        found = encoding.drive(known, zeta)
         assert found.detach().numpy() == pytest.approx(
             [by_hand(np.array(d), power, exponent) for d in ([0.7, -1.2, 3.0], [0.0, 0.0, 0.0])], rel=1e-4
         )

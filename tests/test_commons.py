@@ -8,7 +8,7 @@ import pytest
 import ecology
 from ecology import scenarios
 
-GROWTH, CAPACITY, APPETITE = 0.01, 100.0, 0.08  # a full pool bears growth E0 / q = 12.5 eaters
+GROWTH, CAPACITY, APPETITE = 0.01, 100.0, 0.08  # a full pool sustains growth E0 / q = 12.5 eaters
 BEARS = GROWTH * CAPACITY / APPETITE
 
 

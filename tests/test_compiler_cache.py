@@ -23,7 +23,7 @@ ROOT = Path(__file__).parent.parent
 CODE = """
 import sys
 import numpy as np
-import ecology.agents.kernels
+import ecology.agents.hjb
 from ecology import physics
 physics.fastest(np.zeros((1, 2)))
 print(physics.__file__, physics.fastest.stats.cache_path, sum(physics.fastest.stats.cache_hits.values()))
@@ -187,3 +187,48 @@ def test_a_file_names_all_files_that_it_inlines() -> None:
         assert files_named(module) == inlined, name
         compiled += len(own)
     assert compiled > 25
+
+
+LEAF, ROOT_KERNEL = "leaf.py", "root.py"
+KERNELS = {
+    LEAF: """
+import numba
+from pathlib import Path
+from ecology.compiler_cache import keep_compiled
+SOURCES = tuple(sorted(Path(__file__).parent.glob("*.py")))
+def compiled(function):
+    return keep_compiled(numba.njit(function), SOURCES)
+@compiled
+def leaf(x):
+    return x + 1
+""",
+    ROOT_KERNEL: """
+from leaf import compiled, leaf
+from ecology.compiler_cache import is_kept
+@compiled
+def root(x):
+    return 10 * leaf(x)
+kept = is_kept(root)
+print(kept, root(1), sum(root.stats.cache_hits.values()))
+""",
+}
+
+
+def test_compiled_code_is_kept_until_any_of_its_sources_changes(tmp_path: Path) -> None:
+    """A kernel is compiled again after a change in another file that it calls, also one with an older date."""
+    for name, text in KERNELS.items():
+        (tmp_path / name).write_text(text)
+
+    def run() -> list[str]:
+        done = subprocess.run(
+            [sys.executable, "-B", str(tmp_path / ROOT_KERNEL)], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    assert run() == ["False", "20", "0"]
+    assert run() == ["True", "20", "1"]
+    (tmp_path / LEAF).write_text(KERNELS[LEAF].replace("x + 1", "x + 2"))
+    os.utime(tmp_path / LEAF, (1_000, 1_000))
+    assert run() == ["False", "30", "0"]
+    assert run() == ["True", "30", "1"]

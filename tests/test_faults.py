@@ -129,7 +129,7 @@ def test_a_rule_that_fails_is_named_and_the_run_goes_on_once_it_is_mended(ecolog
     message = err.splitlines()[-1]
     assert message == (
         f"ecology: after 25 ticks: {path}, line {line}, in share: ZeroDivisionError: division by zero. The run up to "
-        "there is kept in out; once this is mended, go on from tick 0 with: ecology run --resume out "
+        "there is kept in out; once this is fixed, resume from tick 0 with: ecology run --resume out "
         "--source current"
     )
     assert f'File "{path}", line {line_of("# MARK")}, in rule\n    share(world, 0)  # MARK\n' in err
@@ -154,7 +154,7 @@ def test_it_goes_on_from_the_last_checkpoint(ecology: Command) -> None:
     Path("config.toml").write_text('scenario = "world.py"\ncheckpoint_every = 10')
     code, _, err = ecology("run", "--config", "config.toml", "--trust", "--out", "out", "--no-record", "--quiet")
     assert code == 2
-    assert "go on from tick 20 with" in err
+    assert "resume from tick 20 with" in err
     assert checkpoint.read(Path("out/checkpoint"))["tally"][1]["tick"] == 20
     code, _, err = ecology("run", "--resume", "out", "--quiet")  # not mended
     assert (code, "after 25 ticks" in err, "from tick 20" in err) == (2, True, True)
@@ -264,7 +264,7 @@ def test_a_fork_tells_of_past_and_future(ecology: Command) -> None:
     assert not Path("new").exists()
     code, _, err = ecology("fork", "run", "--at", "20", *words)
     assert code == 2
-    assert "go on from tick 20 with: ecology run --resume new --source current" in err
+    assert "resume from tick 20 with: ecology run --resume new --source current" in err
     write()
     assert ecology("run", "--resume", "new", "--source", "current", "--quiet")[0] == 0
     same_end("run", "new")

@@ -23,11 +23,13 @@ from ecology import (
     rest,
     scenarios,
 )
-from ecology.agents import kernels, loop
+from ecology.agents import loop
 from ecology.agents.base import DivergedError
-from ecology.agents.curiosity import Curiosity
-from ecology.agents.device import Cpu
 from ecology.agents.hjb import ALGORITHM1, HJB
+from ecology.agents.hjb.curiosity import Curiosity
+from ecology.agents.hjb.devices.cpu.device import Cpu
+from ecology.agents.hjb.devices.cpu.lookahead import recall
+from ecology.agents.hjb.devices.records import Past
 from ecology.agents.movements import adaptive, single_ticks
 from ecology.lab.runs.run_config import resolve
 
@@ -235,7 +237,7 @@ def test_states_on_the_way_are_of_the_tick_that_they_say() -> None:
     """Of a movement of any length, a state that is remembered from the way is as old as its duration says."""
     env, learner = paper_learner(pause=300.0, epsilon=1.0, epsilon_final=1.0)
     group = env.groups["agent"]
-    learner.movement[0], learner.left[0] = learner.moves.names.index("rest"), 300
+    learner.execution.movement[0], learner.execution.left[0] = learner.moves.names.index("rest"), 300
     mask = np.zeros((1, len(group.actions)), bool)
     mask[0, [group.actions.index("rest"), group.actions.index("walk")]] = True
     for tick in range(300):
@@ -258,7 +260,7 @@ def test_explored_walks_go_on() -> None:
             tick = loop.run(env, {"agent": learner}, tick, 1)
             if learner.decisions[0] > decisions:
                 decisions = int(learner.decisions[0])
-                chosen.append(learner.moves.names[learner.movement[0]])
+                chosen.append(learner.moves.names[learner.execution.movement[0]])
         text = "".join("w" if name == "walk" else "." for name in chosen)
         return [len(run) for run in text.split(".") if run]
 
@@ -282,16 +284,16 @@ def test_an_optimist_goes_where_it_has_not_been() -> None:
         assert isinstance(learner, HJB)
         tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 1_500)
         known[optimism] = learner.cell_count.mean()
-        assert learner.hope.all() == (optimism > 0)
+        assert learner.optimism.all() == (optimism > 0)
         learner.evaluating(0.0)
         loop.run(env, {"agent": learner}, tick, 50)
-        assert not learner.hope.any()
+        assert not learner.optimism.any()
     assert known[0.15] > 1.1 * known[0.0]
 
 
 def test_curiosity_follows_what_the_unknown_has_brought() -> None:
     """A place reached is known within its reach, one aimed at in vain within a smaller one; failures bore."""
-    curious = Curiosity(2, 8, 1.0, 0.5, 0.1, Cpu(paper_learner()[1].senses, 2))
+    curious = Curiosity(2, 8, 1.0, 0.5, 0.1, Cpu(paper_learner()[1].encoding, 2))
     both, one = np.array([0, 1]), np.array([1])
     start = np.zeros((2, 2), np.float32)
     curious.learn(both, start, start)
@@ -314,7 +316,8 @@ def test_a_remembered_error_corrects_f_near_by() -> None:
     at = HERE.copy()
     walk = learner.moves.names.index("walk")
     told = learner.predict(0, at)["change"][0, walk]
-    learner.began[0], learner.movement[0], learner.elapsed[0] = at[0], walk, 10
+    learner.execution.start(np.array([0]), walk, at, np.ones(learner.count, bool))
+    learner.execution.elapsed[0] = 10
     learner._note(np.array([0]), at)  # ends where it began
     assert learner.trace.error[0, 0, :-1] == pytest.approx(-told, abs=1e-6)
     size, bias, support = (
@@ -322,13 +325,14 @@ def test_a_remembered_error_corrects_f_near_by() -> None:
         np.zeros((learner.count, learner.components + 1), np.float32),
         np.zeros(learner.count, np.float32),
     )
-    recall = from_python(kernels.recall)
-    trace = (learner.trace.where[0], learner.trace.movement[0], learner.trace.error[0], learner.trace.time[0], 1)
-    recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
+    correct = from_python(recall)
+    replay = (learner.replay.zeta[0], learner.replay.open[0], 0)
+    past = Past(*(array[0] for array in learner.trace), np.float32(0.0), *replay)
+    correct(learner.encoding, past, at[0], bias, support)
     assert bias[walk, :-1] == pytest.approx(-told / 1.3, abs=1e-6)  # the prior of no error weighs 0.3
     assert not np.delete(bias, walk, axis=0).any()
     at[0, 6] += 2.0
-    recall(learner.senses, at[0], np.float32(0.0), *trace, bias, support)
+    correct(learner.encoding, past, at[0], bias, support)
     assert bias.shape[1] == size
     assert not bias.any()
 

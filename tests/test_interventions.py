@@ -495,7 +495,7 @@ def test_an_agent_does_not_learn_from_what_was_done_to_it():
     env = Ecology(scenarios.load("paper"))
     mind = agents.make("algorithm1", env.groups["agent"], np.random.SeedSequence(2), {"adaptive_steps": True})
     tick = advance(env, {"agent": mind}, env.reset_arrays(1), 5)
-    while mind.left[0] <= 1:
+    while mind.execution.left[0] <= 1:
         tick = advance(env, {"agent": mind}, tick, 1)
     decisions = mind.decisions[0]
     kept = mind.memory.count[0]
@@ -505,4 +505,4 @@ def test_an_agent_does_not_learn_from_what_was_done_to_it():
     advance(env, {"agent": mind}, effect.tick, 1)
     assert mind.decisions[0] == decisions + 1
     assert mind.memory.count[0] == kept
-    assert mind.began[0][list(env.groups["agent"].layout.names).index("x")] == pytest.approx(x)
+    assert mind.execution.began[0][list(env.groups["agent"].layout.names).index("x")] == pytest.approx(x)

@@ -682,7 +682,7 @@ def test_a_decision_is_the_one_that_is_taken(name):
         action = mind.act(zeta, tick.masks["agent"])
         if mind.decisions[0] > before:
             told = mind.decision(0)
-            assert mind.movement[0] == np.where(told.open, told.score, np.inf).argmin() == told.taken
+            assert mind.execution.movement[0] == np.where(told.open, told.score, np.inf).argmin() == told.taken
             assert told.total == pytest.approx(told.next_drive + told.slope)
             assert told.value == pytest.approx(float(mind.deviation(0, zeta)[0]))
         tick = env.step_arrays(action)
@@ -746,7 +746,7 @@ def test_a_decision_is_held_until_the_next_one(name):
             assert shown.explored or shown.taken == np.where(shown.open, shown.score, np.inf).argmin()
         assert shown.age == t - made + 1
         assert shown.score is kept.score
-        assert shown.taken == mind.movement[0]
+        assert shown.taken == mind.execution.movement[0]
         assert names[tick.action[0]] in shown.options[shown.taken]
         assert shown.length is None or shown.age <= shown.length
     assert 0 < explored < mind.decisions[0]
@@ -756,7 +756,7 @@ def test_a_decision_is_held_until_the_next_one(name):
     recalled = other.decision(0)
     assert recalled.recalled
     assert recalled.explored is None
-    assert recalled.taken == mind.movement[0]
+    assert recalled.taken == mind.execution.movement[0]
 
 
 def test_following_changes_no_life():

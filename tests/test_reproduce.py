@@ -72,7 +72,7 @@ def test_a_stop_keeps_what_is_done(tiny, tmp_path, capsys):
     with pytest.raises(SystemExit) as end:
         cli.main(["reproduce", "--out", str(tmp_path)])
     assert end.value.code == 130
-    assert "the same command goes on" in capsys.readouterr().err
+    assert "the same command resumes" in capsys.readouterr().err
     parts[1] = part("two", 2.0)
     _run(tmp_path)
     assert done == ["one", "two", "two"]

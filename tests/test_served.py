@@ -159,7 +159,7 @@ main(["run", "seasons", *{words!r}])
     )
     assert done.returncode == 2, done.stderr
     assert "File too large" in done.stderr
-    assert f"go on from tick 0 with: ecology run --resume {tmp_path / 'run'}" in done.stderr
+    assert f"resume from tick 0 with: ecology run --resume {tmp_path / 'run'}" in done.stderr
     assert "recording.rrd" in done.stderr or "metrics" in done.stderr
     again = Path(tmp_path / "run")
     resumed = subprocess.run(

@@ -29,7 +29,7 @@ def test_a_life_is_that_of_a_run(tmp_path):
 
 def test_the_closed_form_is_the_recursion():
     """ln(n q / (n q - growth E0)) / ln(1 + growth) is the tick at which E' = (1 + growth) E - n q is below zero."""
-    assert crowds.bears() == pytest.approx(15)
+    assert crowds.most() == pytest.approx(15)
     assert math.isinf(crowds.emptied_at(15))
     for n in (16, 18, 24):
         left, tick = 300.0, 0

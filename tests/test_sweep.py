@@ -369,7 +369,7 @@ def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, s
         assert summary["stopped_at"] == summary["ticks"]
     if signum == signal.SIGINT:
         assert process.returncode == 130
-        assert "go on with the same command" in said
+        assert "the same command resumes" in said
         assert pq.read_table(out / "sweep.parquet")["ticks"].to_pylist() == [60, 60, 60]
     assert [sweeps.finished(cell) is not None for cell in _cells(out)] == [True] * 3 + [False] * 3
 

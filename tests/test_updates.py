@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from ecology.agents import device as devices
-from ecology.agents.torch_device import Torch
+from ecology.agents.hjb import devices
+from ecology.agents.hjb.devices.cpu import device as cpu
+from ecology.agents.hjb.devices.torch.device import Torch
 from ecology.lab.bench import updates
 
 
@@ -16,7 +17,7 @@ from ecology.lab.bench import updates
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time every call once or twice."""
     monkeypatch.setattr(updates, "WINDOW", 0.0)
-    monkeypatch.setattr(devices, "WORKERS", devices.WORKERS)  # which the command changes
+    monkeypatch.setattr(cpu, "WORKERS", cpu.WORKERS)  # which the command changes
 
 
 def test_a_row_counts_weights_and_takes_ratios(capsys: pytest.CaptureFixture[str]) -> None:
@@ -52,7 +53,7 @@ def test_what_is_timed_is_an_update_of_everyone() -> None:
 
 def test_on_another_device_all_weights_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Torch moves rows as a whole; the plain loop is for the kernels alone."""
-    monkeypatch.setattr(devices, "make", lambda name, senses, n: Torch("cpu", senses))
+    monkeypatch.setattr(devices, "make", lambda name, encoding, n: Torch(encoding, "cpu"))
     found = updates.cost(3, 8, "cuda", 1)
     assert found.moved == found.weights
     assert min(found.update, found.score, found.floor) > 0

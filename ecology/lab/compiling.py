@@ -10,10 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import Any
 
 from numba.core import event
+
+from ecology.compiler_cache import is_kept
 
 ABOUT = "compiling (once per machine)"
 PATIENCE = 1.0  # seconds of compiling before anything is said
@@ -88,13 +89,13 @@ def shared(learners: Iterable[Any]) -> Iterator[None]:
     The first update waits for it. Nothing happens if the update is on disk, if no learner needs it, or if there is one
     processor only.
     """
-    from ecology.lab.cli.options import count_cpus
+    from ecology.machine import count_cpus
 
-    devices = sys.modules.get("ecology.agents.device")  # the f/J learner loads it
-    if devices is None or not any(isinstance(getattr(each, "device", None), devices.Cpu) for each in learners):
+    cpu = sys.modules.get("ecology.agents.hjb.devices.cpu.device")  # the f/J learner loads it
+    if cpu is None or not any(isinstance(getattr(each, "device", None), cpu.Cpu) for each in learners):
         yield
         return
-    if count_cpus() < 2 or is_kept(devices.kernels.update):
+    if count_cpus() < 2 or is_kept(cpu.update):
         yield
         return
     process = subprocess.Popen(
@@ -109,20 +110,13 @@ def shared(learners: Iterable[Any]) -> Iterator[None]:
         process.wait()  # if it failed, it has kept nothing, and this process compiles the update
         notice.count += 1
 
-    devices.before_update.append(wait)
+    cpu.before_update.append(wait)
     try:
         yield
     finally:
-        devices.before_update[:] = [each for each in devices.before_update if each is not wait]
+        cpu.before_update[:] = [each for each in cpu.before_update if each is not wait]
         process.kill()
         process.wait()
-
-
-def is_kept(function: Any) -> bool:
-    """Return whether the compiled code of a function is on disk, and newer than its source."""
-    source, folder = Path(function.py_func.__code__.co_filename), function.stats.cache_path
-    kept = [] if folder is None else Path(folder).glob(f"{source.stem}.{function.py_func.__name__}-*.nbi")
-    return any(index.stat().st_mtime >= source.stat().st_mtime for index in kept)
 
 
 def compile_update() -> None:

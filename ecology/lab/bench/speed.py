@@ -9,7 +9,6 @@ it for all. Time is the process's own, which other programs on the machine do no
 from __future__ import annotations
 
 import contextlib
-import importlib
 import itertools
 import json
 import os
@@ -32,13 +31,12 @@ from ecology.lab.runs.sweep import DPI, write_table
 
 TABLE, FIGURE = "bench.parquet", "bench.png"
 ARRAYS, DICTS = "arrays", "dicts"  # this world without learning, through either interface
-MODULES = "modules"  # algorithm1 with the updates of the plain loop
+PLAIN = "plain"  # algorithm1 on the plain device
 BORDER = "-dicts"  # after a learner's name: it learns through the dicts, which are stacked for it
-PLAIN = Path(__file__).parents[3] / "tests" / "plain_learner.py"  # which is there in a clone only
 # who learns if nobody is named
-LEARNERS = ("lean", "algorithm1", f"algorithm1{BORDER}") + (MODULES,) * PLAIN.exists()
+LEARNERS = ("lean", "algorithm1", f"algorithm1{BORDER}", PLAIN)
 LEARNERS_UP_TO = 1_000  # agents
-MODULES_UP_TO = 100  # agents
+PLAIN_UP_TO = 100  # agents
 WORLD = "commons"
 SETTINGS: Mapping[str, Any] = {"walls": True, "neighbours": 8}
 RICH = 25.0  # capacity of the pool per agent, units of intake: it does not run dry while it is measured
@@ -85,13 +83,11 @@ def stepping(what: str, n: int) -> Callable[[], int]:
     else:
         from ecology.agents import loop  # slow to load
 
-        name = "algorithm1" if what == MODULES else what.removesuffix(BORDER)
+        name = "algorithm1" if what == PLAIN else what.removesuffix(BORDER)
         own = env.scenario.species[0].learner_settings if what == "hjb" else {}  # as `ecology run` would
-        learner = agents.make(name, group, np.random.SeedSequence(0), own)
-        if what == MODULES:
-            _by_modules(learner)
+        learner = agents.make(name, group, np.random.SeedSequence(0), own, "plain" if what == PLAIN else "cpu")
         tick = env.reset_arrays(seed=0)
-        if what != MODULES:
+        if what != PLAIN:
             tick = loop.run(env, {group.name: learner}, tick, LIVED)
         if what.endswith(BORDER):
             return _through_dicts(env, learner)
@@ -139,31 +135,6 @@ def _through_dicts(env: Ecology, learner: Any) -> Callable[[], int]:
     return step
 
 
-def plain_agents(learner: Any, count: int) -> list[Any]:
-    """Return the agents of the first `count` slots as torch modules, one by one: the plain learner of the tests."""
-    sys.path.insert(0, str(PLAIN.parent))
-    plain = importlib.import_module(PLAIN.stem)
-    return [plain.PlainAgent(learner, slot) for slot in range(count)]
-
-
-def _by_modules(learner: Any) -> None:
-    """Let one agent's torch modules after another do the updates of a learner."""
-    alone = plain_agents(learner, learner.size)
-    s = learner.settings
-    m = round(s.imagined * s.batch) if s.replay else round(s.imagined)
-    numbers = (s.batch + s.batch_f if s.replay else 2) + m * learner.components + m + m // 2
-
-    def update(ready: np.ndarray) -> None:
-        uniform = learner.generator.random((learner.size, numbers), np.float32)
-        normal = learner.generator.standard_normal((learner.size, m // 2, learner.components), np.float32)
-        rate = learner.rate()
-        for slot in np.flatnonzero(ready).tolist():
-            alone[slot].update(uniform[slot], normal[slot], float(rate[slot]))
-        learner.ahead.open[:] = False  # scores are not worked out with the update
-
-    learner._update = update
-
-
 def calibrate() -> float:
     """Return the seconds that the loop takes that is always the same."""
     begun = time.process_time()
@@ -190,10 +161,8 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
     """Return what is to be timed; `against` are the other worlds, each with the Python that has it."""
     found = []
     for name in learners:
-        if name != MODULES:
+        if name != PLAIN:
             agents.learner_class(name.removesuffix(BORDER))
-        elif not PLAIN.exists():
-            raise EcologyError(f"the plain loop of modules is in a clone of the project, in {PLAIN}; it is not there.")
     for name in against:
         if name not in WORLDS:
             raise EcologyError(f"there is no world {name!r} to compare with. {nearest(name, WORLDS)}")
@@ -201,7 +170,7 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
     for name in (ARRAYS, DICTS, *learners):
         most = max(counts)
         if name in learners:
-            most = MODULES_UP_TO if name == MODULES else LEARNERS_UP_TO
+            most = PLAIN_UP_TO if name == PLAIN else LEARNERS_UP_TO
         least = LEARNS if name in learners else LEAST
         found += [Point(name=name, agents=n, command=(*here, name, str(n)), least=least) for n in counts if n <= most]
     script = str(Path(__file__).with_name("other_worlds.py"))
@@ -366,8 +335,8 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
             label += " through dicts"
         if name in WORLDS:
             label = called(name, used[name])
-        elif name == MODULES:
-            label = "ecology, algorithm1 learning by modules"
+        elif name == PLAIN:
+            label = "ecology, algorithm1 learning on the plain device"
         ax.errorbar(
             [speed.agents for speed in line], middle, spread, fmt="--s" if name in WORLDS else "-o", capsize=3,
             linewidth=1.3, markersize=4, label=label, color=next(theirs if name in WORLDS else ours),

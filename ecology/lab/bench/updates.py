@@ -1,7 +1,7 @@
 """What an update of `algorithm1` costs, for all agents at once: `python -m ecology.lab.bench.updates --device cpu`.
 
-Each update is one of both networks of every agent, in the world of `paper`. Beside it stand the same by the plain
-loop of torch modules, and the floor: a bare pass over the weights that move and their two moments.
+Each update is one of both networks of every agent, in the world of `paper`. Beside it stand the same on the plain
+device, and the floor: a bare pass over the weights that move and their two moments.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ecology import Ecology, EcologyError, agents, scenarios
-from ecology.agents import device as devices
-from ecology.agents import kernels
-from ecology.lab.bench.speed import PLAIN, plain_agents
+from ecology.agents.hjb.devices import Device
+from ecology.agents.hjb.devices.cpu import device as cpu
+from ecology.agents.hjb.devices.cpu.adam import Row, adam
+from ecology.agents.hjb.devices.cpu.compiler import compiled
 
 AGENTS, WIDTHS = "1,10,100,1000", "32,64,128"
-PLAINLY = 20  # agents of the plain loop at most; the time of the others is in proportion
+PLAINLY = 20  # agents on the plain device at most; the time of the others is in proportion
 BYTES = 24  # per weight that moves: it and two moments, read and written
 WINDOW = 0.2  # seconds of CPU time over which a cheap call is repeated
 F = np.float32
@@ -39,7 +40,7 @@ class Cost:
     update: float
     score: float
     floor: float
-    plain: float  # an update and a score; NaN where the plain loop is not there
+    plain: float  # an update and a score; NaN where the device is not the CPU
 
     def cells(self) -> list[str]:
         """Return a row of the table."""
@@ -86,12 +87,13 @@ def timed(what: Callable[[], object], rounds: int, clock: Callable[[], float]) -
     return float(np.median(found))
 
 
-def bare(n: int, moved: int, device: devices.Device) -> Callable[[], object]:
+def bare(n: int, moved: int, device: Device) -> Callable[[], object]:
     """Return a pass over n rows of `moved` weights and their moments, each read and written once."""
-    if isinstance(device, devices.Cpu):
+    if isinstance(device, cpu.Cpu):
         w, m, v = (np.ones((n, moved), F) for _ in range(3))
         gradient = np.ones(moved, F)
-        return lambda: _adam_all(w, gradient, m, v)
+        steps = np.zeros(2, np.int64)
+        return lambda: _adam_all(w, gradient, m, v, steps)
     w, m, v = (device.on(np.ones((n, moved), F)) for _ in range(3))
 
     def all_() -> float:
@@ -102,10 +104,10 @@ def bare(n: int, moved: int, device: devices.Device) -> Callable[[], object]:
     return all_
 
 
-@kernels.compiled
-def _adam_all(w, g, m, v):  # type: ignore[no-untyped-def]
+@compiled
+def _adam_all(w, g, m, v, steps):  # type: ignore[no-untyped-def]
     for i in range(len(w)):
-        kernels.adam(w[i], g, m[i], v[i], 0, len(g), F(0), F(1))
+        adam(Row(w[i], m[i], v[i], steps), g, 0, len(g), F(0), F(1))
 
 
 def cost(n: int, width: int, device: str, rounds: int) -> Cost:
@@ -113,20 +115,18 @@ def cost(n: int, width: int, device: str, rounds: int) -> Cost:
     learner, zeta, open_ = population(n, width, device)
     everyone = np.ones(n, bool)
     weights = learner.f.weights.shape[1] + learner.J.weights.shape[1]
-    by_kernels = isinstance(learner.device, devices.Cpu)
+    by_kernels = isinstance(learner.device, cpu.Cpu)
     heads = learner.count if by_kernels else 1  # the kernels read and write one head, torch all of them
     moved = weights - learner.f.last + learner.f.last // heads
     clock = time.process_time if by_kernels else time.perf_counter
     plain = np.nan
-    if by_kernels and PLAIN.exists():
+    if by_kernels:
         few = min(n, PLAINLY)
-        alone = plain_agents(learner, few)
-        uniform, normal = np.zeros(2, F), np.zeros((0, learner.components), F)
+        alone, zetas, options = population(few, width, "plain")
 
         def one_by_one() -> None:
-            for slot, agent in enumerate(alone):
-                agent.update(uniform, normal, 1e-3)
-                agent.best(zeta[slot], open_[slot])
+            alone._update(np.ones(few, bool))
+            alone.scores(np.arange(few), zetas, options)
 
         plain = timed(one_by_one, min(rounds, 3), clock) * n / few
     return Cost(
@@ -161,7 +161,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--rounds", type=one_or_more, default=9, metavar="N")
     told = parser.parse_args(words)
-    devices.WORKERS = 1
+    cpu.WORKERS = 1
     print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
     with threadpool_limits(1):
         for width in told.widths:

@@ -69,17 +69,17 @@ def commons(n: int, seed: int, ticks: int = TICKS) -> dict[str, float | None]:
     }
 
 
-def bears() -> float:
-    """Return the most agents with a fixed appetite of what a need takes that the full pool bears, growth E0 / decay."""
+def most() -> float:
+    """Return how many agents that take what a need takes a full pool sustains, growth E0 / decay."""
     words = scenarios.settings("commons")
     return words["growth"] * words["capacity"] / words["decay"]
 
 
 def emptied_at(n: float) -> float:
     """Return when n agents with a fixed appetite of what a need takes have emptied the pool, infinity: never."""
-    if n <= bears():
+    if n <= most():
         return math.inf
-    return math.log(n / (n - bears())) / math.log1p(scenarios.settings("commons")["growth"])
+    return math.log(n / (n - most())) / math.log1p(scenarios.settings("commons")["growth"])
 
 
 def commons_table(lives: Mapping[float, Sequence[Mapping[str, Any]]]) -> str:

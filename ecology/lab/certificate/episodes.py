@@ -22,7 +22,7 @@ Policy = Callable[[Ecology], Ints]  # actions of all actors in a world
 
 
 class Worlds:
-    """K worlds of one scenario: as many pairs as it has in one Ecology, each beginning anew when it ends.
+    """K worlds of one scenario: as many pairs as it has in one Ecology, each reset when it ends.
 
     A pair is the n actors of the first species and their share of the others; actors are rows, pair by pair.
     """

@@ -43,7 +43,7 @@ def live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
         except StoppedError as stopped:
             if not quiet:
                 with contextlib.suppress(OSError):  # a terminal that hung up
-                    print(f"stopped by {stopped} at tick {it.tally.tick}; go on with: {it.resume_command()}")
+                    print(f"stopped by {stopped} at tick {it.tally.tick}; resume with: {it.resume_command()}")
             raise
         if not quiet:
             print_summary(it.folder, summary)

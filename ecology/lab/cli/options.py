@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -87,7 +86,7 @@ def refuse_with(option: str, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and value != []:
             word = name if name.isupper() else f"--{name.replace('_', '-')}"
-            raise EcologyError(f"{option} goes on with a run as it was told; leave out {word}, or start a run anew.")
+            raise EcologyError(f"{option} continues a run with its own settings; leave out {word}, or start a new run.")
 
 
 def read_setting(text: str) -> tuple[str, Any]:
@@ -122,8 +121,3 @@ def read_pairs(
 def format_number(value: float | None) -> str:
     """Return a number with three digits after the point, "-" where there is none."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.3f}"
-
-
-def count_cpus() -> int:
-    """Return how many CPUs this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -115,13 +115,13 @@ def _check_changes(before: Scenario, after: Scenario) -> None:
         if was.name == now.name and was.slots != now.slots:
             raise EcologyError(
                 f"a fork cannot change how many slots there are: {was.name!r} has {was.slots}, got {now.slots}. Leave "
-                "out what changes its count or capacity, or start a run anew."
+                "out what changes its count or capacity, or start a new run."
             )
     for old, new in zip(before.resources, after.resources, strict=False):
         if old.name == new.name and old.count != new.count:
             raise EcologyError(
                 f"a fork cannot change how many patches there are: {old.name!r} has {old.count}, got {new.count}. "
-                "Leave out what changes its count, or start a run anew."
+                "Leave out what changes its count, or start a new run."
             )
         if old.name == new.name and old.position != new.position:
             raise EcologyError(

@@ -103,7 +103,7 @@ class Run:
         if holds:
             raise EcologyError(
                 f"the folder {str(self.folder)!r} already holds a run ({', '.join(holds)}); give another "
-                f"--out, or go on with it by --resume {self.folder}."
+                f"--out, or continue it with --resume {self.folder}."
             )
 
     def start(self) -> None:
@@ -143,7 +143,7 @@ class Run:
         if differ:
             raise EcologyError(
                 f"the checkpoint in {str(self.folder)!r} is of another world: it differs in {' and '.join(differ)}. "
-                f"Restore the scenario file and {CONFIG}, or start the run anew."
+                f"Restore the scenario file and {CONFIG}, or start a new run."
             )
 
     def become(self, parts: Mapping[str, checkpoint.Part]) -> None:
@@ -184,7 +184,9 @@ class Run:
 
     def _longer_than(self, lived: int) -> None:
         if self.plan.ticks <= lived:
-            raise EcologyError(f"the run {str(self.folder)!r} has lived its ticks; give more --ticks to go on.")
+            raise EcologyError(
+                f"the run {str(self.folder)!r} has reached its last tick; pass more --ticks to continue."
+            )
 
     def live(self, observers: Sequence[Observer] = ()) -> dict[str, Any]:
         """Live to the plan's ticks, and return the summary; whatever happens, the folder is left readable.
@@ -245,14 +247,14 @@ class Run:
             if faults.user_fault(error) is None:
                 raise
             then = kept * (
-                f"The run up to there is kept in {self.folder}; once this is mended, go on from tick {self._saved} "
+                f"The run up to there is kept in {self.folder}; once this is fixed, resume from tick {self._saved} "
                 f"with: {self.resume_command(mended=True)}"
             )
             raise faults.wrap(f"after {self.now} ticks", error, then) from error
 
     def _go_on(self) -> str:
         """Say how the run goes on once there is room again."""
-        return f"Then go on from tick {self._saved} with: {self.resume_command()}"
+        return f"Then resume from tick {self._saved} with: {self.resume_command()}"
 
     def resume_command(self, *, mended: bool = False) -> str:
         """Return the command that resumes the run, once its own code is `mended` or as it is."""

@@ -268,7 +268,7 @@ def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None) -> 
 
 def _check_device(device: str, learners: Iterable[str]) -> None:
     """Raise EcologyError where it is no device, or none of the learners computes on one."""
-    from ecology.agents import device as devices  # slow to load
+    from ecology.agents.hjb import devices  # slow to load
 
     devices.check(device)
     if device != "cpu" and not any(agents.learner_class(name).devices for name in learners):

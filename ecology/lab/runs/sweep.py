@@ -213,7 +213,7 @@ def check_folder(out: Path, cells: Sequence[Cell]) -> None:
         more = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
         raise EcologyError(
             f"the folder {str(out)!r} holds a sweep of {len(rows)} runs, {len(left_out)} of which this one leaves out: "
-            f"{', '.join(left_out[:3])}{more}. Give another --out; to go on with that sweep, give all its settings and "
+            f"{', '.join(left_out[:3])}{more}. Give another --out; to continue that sweep, give all its settings and "
             "seeds, or more."
         )
 

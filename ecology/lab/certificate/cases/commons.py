@@ -1,4 +1,4 @@
-"""The most that a common pool bears."""
+"""The most that a common pool sustains."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     if len(kept) + len(lost) < len(done) or not kept:
         return [Row("pools neither kept nor lost", [float(len(done) - len(kept) - len(lost))], verdict="differs")]
     threshold = GROWTH * POOL / APPETITE
-    what = "most eaters with a fixed appetite that a full pool bears, 500 ticks"
+    what = "most eaters with a fixed appetite that a full pool sustains, 500 ticks"
     return [Row(what, [float(max(kept))], closed=threshold, tolerance=0.0)] + [
         Row("fewest that empty it", [float(min(lost))], closed=threshold + 1, tolerance=0.0) for _ in lost[:1]
     ]
@@ -59,7 +59,7 @@ def case() -> Case:
     """Return the case."""
     return Case(
         "commons",
-        "the most that a common pool bears, n q <= delta E0",
+        "the most that a common pool sustains, n q <= delta E0",
         _parts,
         _rows,
     )

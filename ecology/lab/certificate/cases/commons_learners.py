@@ -1,4 +1,4 @@
-"""How many learners a common pool bears."""
+"""How many learners a common pool sustains."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     kept = [n for n, of in lives.items() if all(life["empty"] is None for life in of)]
     if kept and len(lives) == len(crowds.NUMBERS):
         what = "most learners of whom every pool is kept"
-        found.append(Row(what, [max(kept)], closed=crowds.bears(), tolerance=1.0))  # n is tried in steps of 2
+        found.append(Row(what, [max(kept)], closed=crowds.most(), tolerance=1.0))  # n is tried in steps of 2
     return found
 
 
@@ -30,7 +30,7 @@ def case() -> Case:
     """Return the case."""
     return Case(
         "commons_learners",
-        "how many learners a common pool bears, against eaters that take what they need, n decay <= delta E0",
+        "how many learners a common pool sustains, against eaters that take what they need, n decay <= delta E0",
         lambda: parts_of("commons", crowds.commons, crowds.NUMBERS, 4.0),
         _rows,
         table=lambda done: crowds.commons_table(lives_of(done)),

@@ -49,7 +49,7 @@ def command(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of the world to evaluate in.")
     ] = None,
     device: Annotated[
-        str, typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that the learner computes on.")
+        str, typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that the learner computes on.")
     ] = "cpu",  # one agent at a time: elsewhere it takes longer
     again: Annotated[
         bool, typer.Option("--again", help="Replace an existing evaluation made with other options.")

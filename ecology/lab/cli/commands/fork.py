@@ -35,7 +35,9 @@ def command(
     keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks.")] = None,
     device: Annotated[
         str | None,
-        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="as the run"),
+        typer.Option(
+            metavar="cpu|plain|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="as the run"
+        ),
     ] = None,
     source: Source = None,
     trust: Trust = False,

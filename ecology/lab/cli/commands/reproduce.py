@@ -15,8 +15,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from ecology.errors import EcologyError, check_writable
-from ecology.lab.cli.options import Quiet, announces_compiling, count_cpus, read_pairs, read_setting
+from ecology.lab.cli.options import Quiet, announces_compiling, read_pairs, read_setting
 from ecology.lab.runs.stopping import StoppedError
+from ecology.machine import count_cpus
 
 ORDER = 10
 WIDE = 180  # characters of the certificate where there is no terminal
@@ -148,7 +149,7 @@ def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
         try:
             ledger.do(case, part)
         except (KeyboardInterrupt, StoppedError):
-            console.print(f"stopped; what is done is kept in {out}, the same command goes on", soft_wrap=True)
+            console.print(f"stopped; what is done is kept in {out}, the same command resumes", soft_wrap=True)
             raise StoppedError(signal.SIGINT) from None
         left -= part.seconds
     found = {case.name: ledgers.rows(case, ledger) for case in cases}

@@ -84,7 +84,7 @@ def command(
     ] = None,
     device: Annotated[
         str | None,
-        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
+        typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
     ] = None,
     quiet: Quiet = False,
 ) -> None:

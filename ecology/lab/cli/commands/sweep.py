@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import writable
-from ecology.lab.cli.options import Quiet, Source, Trust, announces_compiling, count_cpus, format_number, read_pairs
+from ecology.lab.cli.options import Quiet, Source, Trust, announces_compiling, format_number, read_pairs
 from ecology.lab.runs.stopping import StoppedError
+from ecology.machine import count_cpus
 
 if TYPE_CHECKING:
     from ecology.lab.runs.sweep import Attempt, Cell, Outcome
@@ -54,7 +55,7 @@ def command(
     ] = None,
     device: Annotated[
         str | None,
-        typer.Option(metavar="cpu|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
+        typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
     ] = None,
     gpus: Annotated[
         float | None,
@@ -163,7 +164,7 @@ def _live(
             sweeps.live(waiting, attempt, workers, tell)
         except StoppedError as stopped:
             if not quiet:
-                print(f"stopped by {stopped}; go on with the same command")
+                print(f"stopped by {stopped}; the same command resumes")
             raise
         finally:
             done = [outcome for outcome in outcomes if outcome.summary is not None]

@@ -1,7 +1,8 @@
-"""The compiled kernels, and torch on stacked weights, against the plain learner: equal scores, losses and weights."""
+"""The compiled kernels, and torch on stacked weights, against the plain device: equal scores, losses and weights."""
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import json
 from pathlib import Path
@@ -10,15 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from plain_learner import PlainAgent, as_row
 from worlds import from_python
 
 from ecology import Ecology, EcologyError, agents, scenarios
-from ecology.agents import hjb, kernels, loop
-from ecology.agents.device import Cpu, Device
-from ecology.agents.hjb import ALGORITHM1, HJB
-from ecology.agents.kernels import Senses
-from ecology.agents.torch_device import Torch
+from ecology.agents import hjb, loop
+from ecology.agents.base import drive_terms
+from ecology.agents.hjb import ALGORITHM1, HJB, devices
+from ecology.agents.hjb.devices import Device
+from ecology.agents.hjb.devices.cpu.arithmetic import exp32
+from ecology.agents.hjb.devices.cpu.device import Cpu
+from ecology.agents.hjb.devices.cpu.learning import positions
+from ecology.agents.hjb.devices.cpu.llvm import X86
+from ecology.agents.hjb.devices.plain.device import Plain
+from ecology.agents.hjb.devices.records import Encoding
+from ecology.agents.hjb.devices.torch.device import Torch
 from ecology.lab.cli import main
 from ecology.lab.runs.folder import CONFIG
 from ecology.lab.runs.run import Run, open_run
@@ -64,7 +70,8 @@ def on_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise TypeError("a tensor on a device is no array")
 
-    monkeypatch.setattr("ecology.agents.device.make", lambda _, senses, n: Torch("cpu", senses))
+    make = devices.make
+    monkeypatch.setattr(devices, "make", lambda name, e, n: make(name, e, n) if name == "plain" else Torch(e, "cpu"))
     monkeypatch.setattr(torch.Tensor, "__array__", refuse)
 
 
@@ -81,12 +88,12 @@ def computes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     return request.param
 
 
-def learned(settings: dict[str, Any], n: int = 3) -> HJB:
+def learned(settings: dict[str, Any], n: int = 3, device: str = "cpu") -> HJB:
     """Return n agents with random networks and memories of different lengths."""
     scenario = scenarios.load("paper")
     many = dataclasses.replace(scenario.species[0], count=n, position=None)
     group = Ecology(dataclasses.replace(scenario, species=(many,))).groups["agent"]
-    learner = agents.make("hjb", group, np.random.SeedSequence(4), {"learning_rate": 3e-3, **settings})
+    learner = agents.make("hjb", group, np.random.SeedSequence(4), {"learning_rate": 3e-3, **settings}, device)
     assert isinstance(learner, HJB)
     rng = np.random.default_rng(0)
     arrays, values = learner.state()
@@ -96,7 +103,7 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
     arrays["target"] = arrays["J"].copy()
     if learner.settings.target_network:
         arrays["target"] += rng.normal(scale=0.05, size=arrays["J"].shape)
-    if learner.hopes:
+    if learner.curious:
         arrays["marked"] = rng.integers(1, 6, n)
         arrays["marks"][:, :2] = rng.uniform(0, 6, arrays["marks"][:, :2].shape)
         arrays["marks"][:, 2] = rng.uniform(0.1, 1.0, arrays["marks"][:, 2].shape)
@@ -104,7 +111,7 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
     if size:
         arrays["trace.count"] = np.array([size + 3, 5, size])[np.arange(n) % 3]
         arrays["clock"] = np.full(n, 900)
-        where = learner.senses.where
+        where = learner.encoding.where
         arrays["trace.where"] = rng.uniform(
             *(edge[where] for edge in (group.layout.low, group.layout.high)), (n, size, len(where))
         ).astype(np.float32)
@@ -123,57 +130,52 @@ def learned(settings: dict[str, Any], n: int = 3) -> HJB:
             open_ = rng.random((1, learner.count)) < 0.5
             open_[0, max(movement[0], 0)] = True
             learner.memory.add(np.array([slot]), zeta, movement, after, rng.uniform(1, 20, 1), open_)
-    learner._hope()
+    learner._set_optimism()
     return learner
 
 
-def compare_updates(learner: HJB, updates: int = 6) -> None:
-    """Update the learner and plain agents with the same random numbers; slot 1 pauses once."""
-    plain = [PlainAgent(learner, slot) for slot in range(learner.size)]
-    s = learner.settings
-    b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
-    m = round(s.imagined * b)
-    before = learner.state()[0]["J"].copy()
+def compare_updates(settings: dict[str, Any], updates: int = 6) -> None:
+    """Update agents here and on the plain device with the same random numbers; slot 1 pauses once."""
+    learner, plain = learned(settings), learned(settings, device="plain")
+    assert isinstance(plain.device, Plain)
+    assert not isinstance(learner.device, Plain)
+    before = plain.J.weights.copy()
     for k in range(updates):
-        twin = np.random.default_rng()
-        twin.bit_generator.state = learner.generator.bit_generator.state
-        uniform = twin.random((learner.size, b + bf + m * learner.components + m + m // 2), np.float32)
-        normal = twin.standard_normal((learner.size, m // 2, learner.components), np.float32)
-        ready = np.array([True, k != 2, True])[: learner.size]
-        learner._update(ready)
-        for slot in np.flatnonzero(ready):
-            losses = plain[slot].update(uniform[slot], normal[slot], float(learner.rate()[slot]))
-            assert losses == pytest.approx((learner.loss_f[slot], learner.loss_j[slot]), rel=1e-3)
-    after = learner.state()[0]
-    for slot, agent in enumerate(plain):
-        for name, network in (("f", agent.f), ("J", agent.J), ("target", agent.slow)):
-            assert np.allclose(as_row(network), after[name][slot], atol=1e-4)
-        assert np.abs(after["J"][slot] - before[slot]).max() > 4e-3  # it has learned something
-    counts = np.array([updates, updates - 1, updates])[: learner.size, None]
+        ready = np.array([True, k != 2, True])
+        for each in (learner, plain):
+            each._update(ready)
+        for name in ("loss_f", "loss_j"):
+            assert getattr(learner, name)[ready] == pytest.approx(getattr(plain, name)[ready], rel=1e-3)
+    after, expected = learner.state()[0], plain.state()[0]
+    for name in ("f", "J", "target"):
+        assert np.allclose(expected[name], after[name], atol=1e-4)
+    assert (np.abs(after["J"] - before).max(axis=1) > 4e-3).all()  # each has learned something
+    counts = np.array([updates, updates - 1, updates])[:, None]
     assert (after["adam_J.steps"] == counts).all()
     assert (after["adam_f.steps"][:, 0] == counts[:, 0]).all()
-    assert (after["adam_f.steps"][:, 1:] < counts).any() == s.lazy_heads
+    assert (after["adam_f.steps"][:, 1:] < counts).any() == learner.settings.lazy_heads
+    for name in ("adam_f.steps", "adam_J.steps"):
+        assert np.array_equal(after[name], expected[name])
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_an_update_equals_the_plain_one(variant: str, computes: str) -> None:
     """After some updates of three agents, every weight is that of modules with automatic gradients, to 1e-4."""
-    compare_updates(learned(VARIANTS[variant]))
+    compare_updates(VARIANTS[variant])
 
 
 @pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0])
 def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, monkeypatch, computes: str) -> None:
     """The same where the drive has another exponent, weights and components felt, added to needs or to itself."""
-    plain_terms = hjb.drive_terms
+    plain_terms = drive_terms
 
     def terms(layout):
         mix, felt, _ = plain_terms(layout)
         mix[0, 0], mix[6, 1], felt[7] = 0.7, 1.0, 0.2
         return mix, felt, exponent
 
-    monkeypatch.setattr("ecology.agents.hjb.drive_terms", terms)
-    monkeypatch.setattr("plain_learner.drive_terms", terms)
-    compare_updates(learned(SMALL))
+    monkeypatch.setattr("ecology.agents.hjb.encoding.drive_terms", terms)
+    compare_updates(SMALL)
 
 
 @pytest.mark.parametrize("name", ["algorithm1", "hjb"])
@@ -188,7 +190,7 @@ def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: 
     group = env.groups["prey"]
     learner = agents.make(name, group, np.random.SeedSequence(1), settings)
     others = agents.make("random", env.groups["predator"], np.random.SeedSequence(2), {})
-    tick, ahead, asked = env.reset_arrays(seed=1), learner.ahead, 0
+    tick, ahead, asked = env.reset_arrays(seed=1), learner.lookahead, 0
     for _ in range(60):
         tick = loop.run(env, {"prey": learner, "predator": others}, tick, 1)
         rows = np.flatnonzero(ahead.open.any(axis=1) & tick.alive[group.slots])
@@ -205,7 +207,7 @@ def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: 
             learner.act(tick.observations["prey"], tick.masks["prey"])
             decided = rows[learner.decisions[rows] > before[rows]]
             assert np.array_equal(
-                learner.movement[decided], learner.moves.open(tick.masks["prey"])[decided].argmax(axis=1)
+                learner.execution.movement[decided], learner.moves.open(tick.masks["prey"])[decided].argmax(axis=1)
             )
             assert not ahead.open.any()
             asked += decided.size
@@ -215,34 +217,70 @@ def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
     """The score of every open movement is the plain one, infinity where it is closed; slopes and f too."""
-    learner = learned(VARIANTS[variant])
+    learner, plain = learned(VARIANTS[variant]), learned(VARIANTS[variant], device="plain")
     rng = np.random.default_rng(1)
     layout = learner.group.layout
     zeta = rng.uniform(layout.low, layout.high, (3, learner.components)).astype(np.float32)
     open_ = rng.random((3, learner.count)) < 0.5
-    score = learner.scores(np.array([2, 0, 1]), zeta, open_)
-    far = learner.settings.depth > 1 or learner.settings.errors > 0
-    for row, slot in enumerate((2, 0, 1)):
-        plain = PlainAgent(learner, slot)
-        at = torch.from_numpy(zeta[row : row + 1])
-        if far:
-            with torch.no_grad():
-                expected = plain.look_ahead(at[0], open_[row])
-        else:
-            expected = plain.scores(at, plain.slow).detach().numpy()[0]
-        assert np.isinf(score[row][~open_[row]]).all()
-        assert score[row][open_[row]] == pytest.approx(expected[open_[row]], rel=1e-3, abs=1e-4)
-        slope = plain.slope(at, plain.slow).detach().numpy()
-        assert learner.slope(slot, zeta[row : row + 1]) == pytest.approx(slope, rel=1e-3, abs=1e-4)
-        change, duration = plain.changes(at)
-        found = learner.predict(slot, zeta[row : row + 1])
-        assert found["change"] == pytest.approx(change.detach().numpy(), rel=1e-3, abs=1e-5)
-        assert found["duration"] == pytest.approx(duration.detach().numpy(), rel=1e-3)
-        told = learner.weigh(slot, zeta[row], np.ones(len(learner.group.actions), bool))
-        if far:
-            with torch.no_grad():
-                expected = plain.look_ahead(at[0], np.ones(learner.count, bool))
-        assert told.score == pytest.approx(expected, rel=1e-3, abs=1e-4)
+    slots = np.array([2, 0, 1])
+    score, expected = (each.scores(slots, zeta, open_) for each in (learner, plain))
+    assert np.isinf(score[~open_]).all()
+    assert score[open_] == pytest.approx(expected[open_], rel=1e-3, abs=1e-4)
+    movement = np.array([0, learner.count - 1, 1])
+    found, expected = (each.device.expected(each.weights, slots, zeta, movement) for each in (learner, plain))
+    assert found == pytest.approx(expected, rel=1e-3, abs=1e-5)
+    for row, slot in enumerate(slots.tolist()):
+        at = zeta[row : row + 1]
+        assert learner.deviation(slot, at) == pytest.approx(plain.deviation(slot, at), rel=1e-3, abs=1e-4)
+        assert learner.slope(slot, at) == pytest.approx(plain.slope(slot, at), rel=1e-3, abs=1e-4)
+        found, expected = learner.predict(slot, at), plain.predict(slot, at)
+        assert found["change"] == pytest.approx(expected["change"], rel=1e-3, abs=1e-5)
+        assert found["duration"] == pytest.approx(expected["duration"], rel=1e-3)
+        mask = np.ones(len(learner.group.actions), bool)
+        weighed, expected = learner.weigh(slot, zeta[row], mask), plain.weigh(slot, zeta[row], mask)
+        assert weighed.score == pytest.approx(expected.score, rel=1e-3, abs=1e-4)
+
+
+CHAPTERS = ("encoding", "networks", "first_order", "scores", "lookahead", "learning", "adam", "update")
+
+
+def functions(device: str, chapter: str) -> list[str]:
+    """Return the functions of a chapter of a device, in order."""
+    source = Path(devices.__file__).parent / device / f"{chapter}.py"
+    return [node.name for node in ast.parse(source.read_text()).body if isinstance(node, ast.FunctionDef)]
+
+
+@pytest.mark.parametrize("chapter", CHAPTERS)
+def test_devices_are_one_book(chapter: str) -> None:
+    """Chapters and functions have the same names in the same order; the kernels add what gradients by hand need."""
+    plain, on_torch, kernels = (functions(device, chapter) for device in ("plain", "torch", "cpu"))
+    shared = [name for name in plain if name in kernels]
+    assert [name for name in kernels if name in shared] == shared
+    assert [name for name in on_torch if name in shared] == shared
+    assert len(shared) >= {"encoding": 2, "adam": 1}.get(chapter, 4)
+    assert set(plain) <= set(on_torch)
+    folders = [Path(devices.__file__).parent / device for device in ("plain", "torch", "cpu")]
+    only_kernels = {"llvm", "arithmetic", "compiler"}
+    for folder in folders:
+        assert {path.stem for path in folder.glob("[!_]*.py")} - only_kernels == {*CHAPTERS, "device"}
+
+
+def test_the_encoding_is_that_of_the_layout() -> None:
+    """Units, bounds and the drive of total deprivation follow from the layout of the senses alone."""
+    learner = learned(SMALL)
+    layout, s, found = learner.group.layout, learner.settings, learner.encoding
+    kinds = np.array(layout.kinds)
+    need, angle, placed = kinds == "deviation", kinds == "angle", kinds == "position"
+    unit = np.where(need | (kinds == "felt"), 0.1, 0.5) * layout.scale
+    unit[angle] = 1.0
+    assert found.unit == pytest.approx([*unit, s.stride])
+    assert found.low[~angle] == pytest.approx(np.maximum(layout.low, -1e30)[~angle])
+    assert found.high[~angle] == pytest.approx(np.minimum(layout.high, 1e30)[~angle])
+    assert (found.high[angle] == 1e30).all()
+    assert found.centre == pytest.approx(np.where(placed, (layout.low + layout.high) / 2, 0))
+    worst = np.sqrt((layout.scale[need & layout.regulated & (layout.low < 0)] ** 2).sum())
+    assert (found.centre_j, found.spread_j) == pytest.approx((0.45 * worst, 0.55 * worst))
+    assert found.sharp == pytest.approx(1 / s.place_width**2)
 
 
 @pytest.mark.parametrize("rows", [2, 40, 3_000])
@@ -322,7 +360,7 @@ def test_threads_make_no_difference(monkeypatch) -> None:
     """Twenty agents updated by one thread and by four are bit for bit the same."""
     found = []
     for workers in (1, 4):
-        monkeypatch.setattr("ecology.agents.device.WORKERS", workers)
+        monkeypatch.setattr("ecology.agents.hjb.devices.cpu.device.WORKERS", workers)
         learner = learned(SMALL, n=20)
         assert isinstance(learner.device, Cpu)
         assert (learner.device.threads is None) == (workers == 1)
@@ -346,7 +384,7 @@ def test_agents_do_not_depend_on_each_other() -> None:
     assert np.isnan(alone.loss_f[[0, 2]]).all()
 
 
-@pytest.mark.skipif(not kernels.X86, reason="other processors take subnormal numbers at full speed")
+@pytest.mark.skipif(not X86, reason="other processors take subnormal numbers at full speed")
 def test_no_moment_becomes_subnormal() -> None:
     """Moments without a gradient end at zero, not at numbers for which the processor slows down; only kernels do so.
 
@@ -357,7 +395,7 @@ def test_no_moment_becomes_subnormal() -> None:
     for network in (learner.f, learner.J):
         network.first[:] = network.second[:] = 2 * least
     learner._update(np.ones(3, bool))
-    learner.scores(np.arange(3), learner.began, learner.was_open)
+    learner.scores(np.arange(3), learner.execution.began, learner.execution.was_open)
     for _ in range(8):
         learner._update(np.ones(3, bool))
     for network in (learner.f, learner.J):
@@ -370,22 +408,22 @@ def test_no_moment_becomes_subnormal() -> None:
 def test_exp_is_exact_to_float32() -> None:
     """e^x of the kernels is within 3e-7 of e^x, relatively, from -80 to 80."""
     x = np.linspace(-80, 80, 4001, dtype=np.float32)
-    exp32 = from_python(kernels.exp32)
-    found = np.array([exp32(v) for v in x])
+    exponential = from_python(exp32)
+    found = np.array([exponential(v) for v in x])
     assert np.abs(found / np.exp(x.astype(float)) - 1).max() < 3e-7
 
 
 def test_memory_draws_the_share_from_the_newest() -> None:
     """The last part of a batch lies among the newest decisions, the first anywhere in life; the ring wraps."""
     uniform, at = np.random.default_rng(0).random(1000, np.float32), np.empty(1000, np.int64)
-    positions = from_python(kernels.positions)
-    positions(250, 100, uniform, 400, 10, at)
+    draw = from_python(positions)
+    draw(250, 100, uniform, 400, 10, at)
     age = (249 - at) % 100  # 0: the newest
     assert age.max() == 99
     assert age[600:].max() == 9
     assert len(np.unique(age[600:])) == 10
     assert age[:600].max() > 90
-    positions(250, 1, uniform, 400, 10, at)
+    draw(250, 1, uniform, 400, 10, at)
     assert not at.any()
 
 
@@ -395,11 +433,11 @@ def test_a_fork_and_an_evaluation_compute_where_they_are_told(
     """`--device` of fork and evaluate is where their learners are, and what they write says so; the CPU by default."""
     asked: list[str] = []
 
-    def make(name: str, senses: Senses, n: int) -> Device:
+    def make(name: str, encoding: Encoding, n: int) -> Device:
         asked.append(name)
-        return Cpu(senses, n)
+        return Cpu(encoding, n)
 
-    monkeypatch.setattr("ecology.agents.device.make", make)
+    monkeypatch.setattr(devices, "make", make)
     monkeypatch.setattr("ecology.agents.evaluation.BASELINES", ())
     monkeypatch.setattr("ecology.agents.evaluation.horizon", lambda *_: 10)
     monkeypatch.setattr("ecology.agents.evaluation.LONGEST", 10)

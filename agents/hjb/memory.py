@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ecology.agents.device import Device
+from ecology.agents.hjb.devices import Device
 
 
 class Memory:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ecology.agents.device import Device
+from ecology.agents.hjb.devices import Device
 
 
 class Perceptrons:

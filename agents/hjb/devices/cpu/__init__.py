@@ -1,0 +1,1 @@
+"""The CPU: compiled kernels, see `device`."""

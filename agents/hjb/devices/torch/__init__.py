@@ -1,0 +1,1 @@
+"""Other devices: all agents at once by torch, see `device`."""

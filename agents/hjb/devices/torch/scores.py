@@ -1,0 +1,55 @@
+"""Score the open movements by the HJB equation over one whole movement, with optimism about unknown places."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ecology.agents.hjb.devices.records import LONGEST
+from ecology.agents.hjb.devices.torch.encoding import drive
+from ecology.agents.hjb.devices.torch.first_order import first_order_scores
+from ecology.agents.hjb.devices.torch.networks import deviations, forecast
+
+
+def is_unknown(s: Any, own: Any, zeta: Tensor) -> Tensor:
+    """Return which of zeta (a, R, D) lie beyond the reach of all marks."""
+    gap = zeta[..., s.place, None] - own.marks[:, None, :2]  # (a, R, 2, K)
+    used = torch.arange(own.marks.shape[-1], device=s.device) < own.marked[:, None]
+    return ~((gap.square().sum(2) <= own.marks[:, None, 2]) & used[:, None]).any(-1)
+
+
+def optimistic(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
+    """Return Jn (a, R) at zeta (a, R, D), given as `value`: lower at unknown places while marks are left to set."""
+    capacity = own.marks.shape[-1]
+    if own.optimism is None or not capacity:
+        return value
+    lower = is_unknown(s, own, zeta) & ((own.marked > 0) & (own.marked < capacity))[:, None]
+    return torch.where(lower, value - own.optimism[:, :1] * value - own.optimism[:, 1:], value)
+
+
+def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
+    """Return the HJB score (a, R, M) of the open movements at zeta (a, R, D), drive units; infinity for the others.
+
+    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta').
+    """
+    if not s.finite:
+        return first_order_scores(s, own, zeta, open_)
+    predicted = forecast(s, own, zeta) * s.unit
+    ahead = (zeta[:, :, None] + predicted[..., :-1]).clamp(s.low, s.high)
+    keep = torch.exp(predicted[..., -1].clamp(s.dt, LONGEST) * s.log_gamma)
+    drives = 0.5 * (drive(s, zeta)[..., None] + drive(s, ahead))
+    flat = ahead.flatten(1, 2)
+    value = optimistic(s, own, flat, deviations(s, own, flat))
+    score = (1 - keep) * drives + keep * value.view_as(keep)
+    return score.masked_fill(~open_, math.inf)
+
+
+def expected_score(s: Any, score: Tensor) -> Tensor:
+    """Return the mean score (a, R) of agents that explore with the share `explored`, else take the least."""
+    least = score.amin(-1)
+    share = torch.where(score < math.inf, 1 / s.length, 0.0)
+    mean = (share * score.nan_to_num(posinf=0.0)).sum(-1) / share.sum(-1).clamp(min=1e-30)
+    return torch.where(share.sum(-1) > 0, least + s.explored * (mean - least), least)
