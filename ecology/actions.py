@@ -144,10 +144,17 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
-    if model.stages is not None:
-        hurry(model, state, speed, way, model.stages.of(model.stages.speed, state.age))
+    if (factor := pace(model, state)) is not None:
+        hurry(model, state, speed, way, factor)
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
+
+
+def pace(model: Model, state: State) -> Floats | None:
+    """Return the factor of every body's speed by its age and its traits, (N,); None where there is none."""
+    factor = None if model.stages is None else model.stages.of(model.stages.speed, state.age)
+    own = None if model.heredity is None else model.heredity.values(state, "speed", 1.0)
+    return own if factor is None else factor if own is None else factor * own
 
 
 def hurry(model: Model, state: State, speed: Floats, way: Floats, factor: Floats) -> None:

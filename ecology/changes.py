@@ -86,6 +86,9 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     if "set_point" in changed:
         x = changed["set_point"]
         _hold("set_point", x, (x >= body.least) & (x <= body.most), "within the set_range of the need")
+    if "trait" in changed and model.heredity is not None:
+        x = changed["trait"]
+        _hold("trait", x, (x >= model.heredity.low) & (x <= model.heredity.high), "within the bounds of the trait")
     if "cue" in changed:
         _hold("cue", changed["cue"], (changed["cue"] >= 0) & (changed["cue"] <= 1), "from 0 to 1")
     if changed.keys() & {"position", "alive"}:
@@ -143,6 +146,10 @@ def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -
     _hold("told_velocity", speed, np.abs(speed) <= fastest * (1 + ROUNDING), f"at most {fastest:g}", SNAPSHOT)
     _hold("stock", state.stock, state.stock >= 0, "at least 0", SNAPSHOT)
     _hold("heading", state.heading, np.abs(state.heading) <= np.pi, "from -pi to pi", SNAPSHOT)
+    for name, least, most in (("partner", -1, slots), ("second", -1, names), ("cue", 0, np.nextafter(1, 2))):
+        if name in arrays:
+            value = arrays[name]
+            _hold(name, value, (value >= least) & (value < most), "of its range", SNAPSHOT)
     for name, low, high in (
         ("age", 0, np.inf), ("hold", 0, np.inf), ("closed", 0, np.inf), ("action", 0, model.choices),
         ("cause", 0, len(CAUSES)), ("fatal_need", -1, model.body.low.shape[1]), ("bound_for", -1, patches),

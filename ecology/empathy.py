@@ -34,6 +34,7 @@ class Coupling:
     counts: Floats  # (m, V) how much each need of the other counts, by the other's columns
     column: Ints  # (m, V) column of the other's need of the same name, -1 without, by one's own columns
     own: Floats  # (V,) w_ii of the average form, by one's own columns; 1 in the sum form
+    inherited: bool = False  # whether every body has a weight of its own; `weight` is a factor of that then
 
 
 def own_weights(species: Species, everyone: Sequence[Species]) -> dict[str, float]:
@@ -62,7 +63,8 @@ def compile_coupling(species: Sequence[Species], slots: Sequence[slice], width: 
             continue
         felt = [k for k, other in enumerate(species) if other.name in felt_species(s)]
         others = np.concatenate([np.arange(slots[k].start, slots[k].stop) for k in felt])
-        weight = np.full((s.slots, len(others)), float(s.empathy.weight))
+        inherited = any(trait.of == "empathy.weight" for trait in s.traits)
+        weight = np.full((s.slots, len(others)), 1.0 if inherited else float(s.empathy.weight))
         if s.empathy.matrix is not None:
             weight[:, np.isin(others, np.arange(slots[i].start, slots[i].stop))] *= np.array(s.empathy.matrix)
         weight[others == np.arange(slots[i].start, slots[i].stop)[:, None]] = 0.0
@@ -76,7 +78,7 @@ def compile_coupling(species: Sequence[Species], slots: Sequence[slice], width: 
                     column[theirs, v] = names.index(need.name)
         own = np.ones(width)
         own[: len(s.needs)] = list(own_weights(s, species).values())
-        found.append(Coupling(s.name, s.empathy, slots[i], others, weight, counts, column, own))
+        found.append(Coupling(s.name, s.empathy, slots[i], others, weight, counts, column, own, inherited))
     return found
 
 
@@ -204,5 +206,8 @@ def weigh(
     if coupling.empathy.sight and pairs is not None:
         seen = model.eyes.sees_others(pairs, state.position, state.heading, model.looks)
     weight = matrix(coupling, state, model.plane, pairs, seen, order)
+    own = None if model.heredity is None else model.heredity.values(state, "empathy.weight", 1.0)
+    if own is not None and coupling.inherited:
+        weight *= own[coupling.rows, None]
     factor = factors.get(coupling.species, 1.0)
     return weight if factor == 1.0 else weight * factor

@@ -41,6 +41,8 @@ def place(ground: Ground, species: Species, count: int, rng: np.random.Generator
 def reproduce(model: Model, state: State, free: Bools, rng: np.random.Generator) -> tuple[Bools, Ints]:
     """Let newborns take `free` slots (N,); return which slots were born (N,) and the slot of each one's parent (N,)."""
     born, parent = np.zeros(model.size, bool), model.nobody.copy()
+    if model.mates:
+        state.partner = model.nobody.copy()
     for group, species in model.species:
         if not species.grows:
             continue
@@ -71,12 +73,28 @@ def _give_birth(model: Model, state: State, name: str, species: Species, free: i
         return np.empty(0, np.int64)
     able = fit(birth, needs, state.internal[rows], state.age[rows], state.alive[rows])
     parents: Ints = rows.start + bearers(birth, able, free, model.dt, rng)
+    if birth.parents == 2:
+        parents = _mated(model, state, parents, rows.start + np.flatnonzero(able), birth.mates_within)
     if parents.size:
         state.own("given")
     for need, cost in birth.cost.items():
         state.internal[parents, needs.index(need)] -= cost
         state.given[parents, needs.index(need)] += cost
     return parents
+
+
+def _mated(model: Model, state: State, parents: Ints, able: Ints, within: float) -> Ints:
+    """Return those of `parents` (k,) that have a mate, the nearest other one of `able` (m,), and note who it is."""
+    if len(able) < 2 or not parents.size:
+        return parents[:0]
+    gap = model.plane.gap(state.position[parents, None], state.position[able])
+    distance = np.where(able == parents[:, None], np.inf, gap[..., 0] ** 2 + gap[..., 1] ** 2)  # squared
+    nearest = distance.argmin(axis=1)
+    found = distance[np.arange(len(parents)), nearest] <= within**2
+    state.own("partner")
+    assert state.partner is not None
+    state.partner[parents[found]] = able[nearest[found]]
+    return parents[found]
 
 
 def start_lives(model: Model, state: State, new: Ints, position: Floats, heading: Floats) -> None:

@@ -13,6 +13,7 @@ from ecology.actions import ActionTable, compile_actions
 from ecology.empathy import Coupling
 from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, Plane, ground_of
+from ecology.heredity import Heredity, compile_heredity
 from ecology.physiology import Body
 from ecology.resources import ResourceTable
 from ecology.scenario import Scenario, puts
@@ -79,6 +80,8 @@ class Model:
     grows: bool  # whether anyone can be born
     moving: Moving | None  # set points that move by themselves
     stages: Stages | None  # of life
+    heredity: Heredity | None  # what is inherited
+    mates: bool  # whether any birth takes two parents
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Return this model: it never changes, so copies of a world share it."""
@@ -205,6 +208,8 @@ def compile_model(scenario: Scenario) -> Model:
         grows=any(s.grows for s in species) or puts(scenario),
         moving=compile_moving(species, width),
         stages=compile_stages(species),
+        heredity=compile_heredity(species, blocks),
+        mates=any(s.birth is not None and s.birth.parents == 2 for s in species),
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, heredity
 from ecology.compiler_cache import compiled, use_cache
 from ecology.spec import Need, Species
 from ecology.state import Bools, Floats, Ints, State
@@ -188,8 +188,10 @@ def drive_of(species: Species, delta: Floats) -> Floats:
 
 
 def body_now(model: Model, state: State) -> Body:
-    """Return the constants of all bodies as their age has them."""
+    """Return the constants of all bodies as their traits and their age have them."""
     body, stages = model.body, model.stages
+    if model.heredity is not None:
+        body = heredity.embody(model.heredity, body, state)
     if stages is None:
         return body
     return replace(body, decay=body.decay * stages.of(stages.metabolism, state.age)[:, None])

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ecology import typed, verbs
+from ecology import heredity, typed, verbs
 from ecology.errors import EcologyError, nearest
 from ecology.ground.outline import polygon_of
 from ecology.meetings import Rule
@@ -162,6 +162,7 @@ class Scenario:
         resources = [resource.name for resource in self.resources]
         unlimited = [resource.name for resource in self.resources if math.isinf(resource.stock)]
         faster = max([stage.speed for stage in species.stages], default=1.0)
+        faster *= max([trait.bounds[1] for trait in species.traits if trait.of == "speed"], default=1.0)
         least = species.radius * min([stage.size for stage in species.stages], default=1.0)
         for action in species.actions:
             fastest = action.speed * faster
@@ -191,6 +192,7 @@ class Scenario:
         for name in species.cues:
             cues = [cue.name for cue in self.cues]
             require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
+        heredity.check(species)
         for need in species.needs:
             fastest = (
                 need.leak - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional

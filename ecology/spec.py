@@ -16,6 +16,7 @@ from ecology.errors import EcologyError, nearest
 
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
 Commitment = Literal["free", "committed"]
+BODILY = ("set_point", "start", "decay", "leak", "ageing", "noise")  # numbers of a need that can be inherited
 
 
 def require(rule: bool, message: str) -> None:
@@ -535,6 +536,8 @@ class Birth:
     threshold: Mapping[str, float] = field(default_factory=dict)  # need -> least x
     cost: Mapping[str, float] = field(default_factory=dict)  # need -> units that the parent gives
     maturity: float = 0.0  # age from which one is fit, time
+    parents: int = 1  # with 2, it takes a mate that is fit too: the nearest one; only the one that bears pays
+    mates_within: float = math.inf  # farthest distance of a mate, length
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -542,6 +545,11 @@ class Birth:
         _finite("Birth", **self.threshold)  # apart: a need may have the name of a field
         require(self.rate > 0, f"Birth: rate must be positive, got {self.rate!r}; leave birth out for none.")
         require(self.maturity >= 0, f"Birth: maturity must not be negative, got {self.maturity!r}.")
+        require(self.parents in (1, 2), f"Birth: parents are 1 or 2, got {self.parents!r}.")
+        require(
+            self.mates_within > 0 and (self.parents == 2 or self.mates_within == math.inf),
+            f"Birth: mates_within is a positive distance, of two parents, got {self.mates_within!r}.",
+        )
         _amounts("Birth", "cost", self.cost)
 
 
@@ -629,6 +637,33 @@ class Empathy:
         for row in self.matrix or ():
             _finite("Empathy", **{f"matrix[{j}]": w for j, w in enumerate(row)})
         require(self.within > 0, f"Empathy: within must be positive, got {self.within!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trait:
+    """A number of a species that every body has of its own, from its parents.
+
+    `of` says which: "NEED.set_point", "NEED.start", "NEED.decay", "NEED.leak", "NEED.ageing", "NEED.noise", "speed" (a
+    factor of the speed of all actions), "empathy.weight" (of the sum form), or "none" for a marker without any effect.
+    A child has it from its parent, from either of two by a coin, with a normal mutation, kept within the bounds.
+    """
+
+    name: str
+    of: str
+    bounds: tuple[float, float]
+    mutation: float = 0.0  # standard deviation of the change at a birth
+    start: float | None = None  # mean of founders and newcomers; the scenario's number when None
+    spread: float = 0.0  # standard deviation among founders and newcomers
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"trait {self.name!r}"
+        _words(owner, self.name)
+        require(len(self.bounds) == 2, f"{owner}: bounds are (lowest, highest), got {self.bounds!r}.")
+        _finite(owner, mutation=self.mutation, spread=self.spread, lowest=self.bounds[0], highest=self.bounds[1])
+        require(self.bounds[0] < self.bounds[1], f"{owner}: bounds must rise, got {self.bounds!r}.")
+        for name in ("mutation", "spread"):
+            require(getattr(self, name) >= 0, f"{owner}: {name} must not be negative, got {getattr(self, name)!r}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -759,6 +794,7 @@ class Species:
     heading: float | None = None  # at birth, radians; any when None
     collapse: Mapping[str, float] = field(default_factory=dict)  # at these thresholds sleep is the only action left
     commitment: Commitment = "free"  # whether a go_to may be left before it arrives
+    traits: tuple[Trait, ...] = ()  # numbers that children have from their parents
     stages: tuple[Stage, ...] = ()  # of life, the first from the age 0 on; none: all ages are alike
     drive_epsilon: float = 0.001  # of the drive (epsilon + sum_i w_i |delta_i|^n) ^ (exponent / n)
     drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic; n / m of Keramati and Gutkin's root m

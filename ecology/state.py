@@ -65,6 +65,9 @@ class State:
     closed: Ints  # (N,) closed actions asked for so far, each replaced
     # there only in worlds that use them, else None
     set_point: Floats | None = None  # (N, V) x*, where it moves
+    trait: Floats | None = None  # (N, T) what is inherited, by the columns of the slot's own species
+    partner: Ints | None = None  # (N,) slot of the mate of an agent that bore in this tick, -1 without
+    second: Ints | None = None  # (N,) serial of the second parent, -1 without
     cue: Floats | None = None  # (C,) what is shown of every cue, from 0 to 1
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ from ecology import (
     actions,
     changes,
     empathy,
+    heredity,
     life,
     meetings,
     neighbours,
@@ -90,8 +91,9 @@ class ArrayWorld:
             self.model, self.changes = self._first, {}
         model = self.model
         self.seed, self.reweighed = seed, {}
-        streams = np.random.SeedSequence(seed).spawn(len(CONCERNS))
-        self._rng = {name: np.random.default_rng(stream) for name, stream in zip(CONCERNS, streams, strict=True)}
+        concerns = (*CONCERNS, heredity.STREAM) if model.heredity is not None else CONCERNS
+        streams = np.random.SeedSequence(seed).spawn(len(concerns))
+        self._rng = {name: np.random.default_rng(stream) for name, stream in zip(concerns, streams, strict=True)}
         self._state = state = _first_state(model, self._rng)
         self.turnover += 1
         self.lesion_order = self._rng["lesion"].permutation(model.size)  # of the shuffled lesion
@@ -133,13 +135,15 @@ class ArrayWorld:
         free = ~state.alive
         physiology.commit(model, state, internal, ingested + met.received - met.given, died)
         born, parent = life.reproduce(model, state, free, rng["offspring"])
+        if model.heredity is not None:
+            heredity.inherit(model, state, born, parent, rng[heredity.STREAM])
         # resources: stocks regrow, come and go, move
         resources.renew(model, state, eaten, rng)
         # time
         state.tick += 1
         state.time = state.tick * model.dt
         if model.moving is not None:
-            setpoints.move(model, state, model.body.set_point, ingested + met.received, before.time)
+            setpoints.move(model, state, heredity.base(model, state), ingested + met.received, before.time)
         if model.stages is not None and model.stages.grow:
             self._physics.resize(stages.radii(model, state), state.position, state.alive)
         # senses and observation
@@ -264,6 +268,8 @@ class ArrayWorld:
         new, serial, following = free[:1], state.serial[free[:1]].copy(), state.next_serial
         state.own("lost", "internal", "hold")
         life.start_lives(model, state, new, model.plane.home(np.array([place], float)), np.array([heading]))
+        if model.heredity is not None:
+            heredity.settle(model, state, new, heredity.arrive(model.heredity, self._rng[heredity.STREAM])[new])
         if not model.grows:
             state.serial[new], state.next_serial = serial, following
         self._touch(state)
@@ -390,7 +396,8 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         alive[rows], serial[rows] = True, serials
         position[rows], heading[rows] = life.place(model.ground, s, s.count, rng["birth"])
     nothing = np.zeros_like(model.body.start)
-    return State(
+    trait = None if model.heredity is None else heredity.arrive(model.heredity, rng[heredity.STREAM])
+    state = State(
         tick=0,
         time=0.0,
         next_serial=int(np.count_nonzero(alive)),
@@ -426,6 +433,12 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         lost=nothing.copy(),
         returned=0,
         closed=np.zeros(n, np.int64),
-        set_point=setpoints.at_birth(model, model.body.set_point, 0.0) if model.body.moves else None,
+        set_point=model.body.set_point.copy() if model.body.moves else None,
+        trait=trait,
+        partner=model.nobody.copy() if model.mates else None,
+        second=model.nobody.copy() if model.mates else None,
         cue=np.array([cue.start for cue in model.scenario.cues], float) if model.scenario.cues else None,
     )
+    if state.set_point is not None:
+        state.set_point = setpoints.at_birth(model, heredity.base(model, state), 0.0)
+    return state

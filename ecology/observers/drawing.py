@@ -413,6 +413,10 @@ class Drawing:
                 self._rec.log(
                     f"population/ages/{name}", rr.BarChart(number, abscissa=middle - wide / 2, widths=wide, color=shade)
                 )
+            for name, (middle, number) in s["traits"].items():
+                shade, wide = self._scene.colour(name.partition("/")[0]), np.full(len(middle), 0.9 * np.ptp(middle[:2]))
+                bars = rr.BarChart(number, abscissa=middle - wide / 2, widths=wide, color=shade)
+                self._rec.log(f"population/traits/{name}", bars)
             for name, weight in s["coupling"].items():
                 if weight is not None:
                     self._rec.log(f"population/coupling/{name}", rr.Tensor(weight, dim_names=("feels", "felt")))

@@ -135,6 +135,17 @@ def _population_views(scene: Scene) -> rrb.Container:
     ]
     if scene.grows or any(s.hazard for s in scene.scenario.species):
         rows.append(rrb.Horizontal(*bars) if len(bars) <= 3 else rrb.Tabs(*bars))
+    traits = [
+        rrb.BarChartView(
+            origin=f"/population/traits/{s.name}/{trait.name}",
+            name=f"{trait.name} of {s.name} ({trait.of})",
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+        for s in scene.scenario.species
+        for trait in s.traits
+    ]
+    if traits:
+        rows.append(rrb.Horizontal(*traits) if len(traits) <= 3 else rrb.Tabs(*traits))
     last: list[rrb.View] = []
     if scene.stocked:
         last.append(_plot("/population/stocks", "stocks, units of intake"))

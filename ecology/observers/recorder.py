@@ -33,6 +33,7 @@ DEEDS = "interventions"  # column of a run with any: those since the last sample
 FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action", DEEDS)
 MEASURE = "measures."  # before the name of a scenario's measure
 CUE, SET_POINT = "cues.", "set_points."  # before the name of a cue, and of a need whose set point moves
+TRAIT = "traits."  # before the name of a trait
 TRIALS = ("session", "trial")  # columns of a scenario with sessions
 
 
@@ -41,9 +42,10 @@ class Recorder:
 
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
     name, drive (what is felt of others included), own_drive (without that), reward, action, one per
-    measure of the scenario (`measures.NAME`, the same in every row of a tick), one per cue (`cues.NAME`) and per set
-    point that moves (`set_points.NEED`), session and trial in a scenario with sessions, and one per number that
-    a mind reports. A run in which somebody intervened has `interventions` too: those since the last sampled tick, null
+    measure of the scenario (`measures.NAME`, the same in every row of a tick), one per cue (`cues.NAME`), per set point
+    that moves (`set_points.NEED`) and per trait (`traits.NAME`), session and trial in a scenario with sessions, and one
+    per number that a mind reports. A run in which somebody intervened, or whose scenario has a schedule, has
+    `interventions` too: those since the last sampled tick, null
     where there was none. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
 
@@ -87,6 +89,9 @@ class Recorder:
         moving = {need.name for s in species for need in s.needs if need.set_range is not None}
         self._set_point_at = {name: at for name, at in self._need_at.items() if name in moving}
         self._timetable = env.timetable
+        traits = list(dict.fromkeys(trait.name for s in species for trait in s.traits))
+        columns = [{trait.name: i for i, trait in enumerate(s.traits)} for s in species]
+        self._trait_at = {name: np.array([each.get(name, -1) for each in columns]) for name in traits}
         self._actions = pa.array(actions)
         self._action_at = np.zeros((len(species), max(len(s.actions) for s in species)), np.int32)
         for i, s in enumerate(species):
@@ -134,6 +139,8 @@ class Recorder:
             rows[MEASURE + name] = np.full(len(slots), measured)
         for cue, value in zip(self._scenario.cues, () if state.cue is None else state.cue, strict=True):
             rows[CUE + cue.name] = np.full(len(slots), value)
+        if state.trait is not None:
+            rows["trait"] = state.trait[slots]
         if state.set_point is not None:
             rows["set_point"] = state.set_point[slots]
         if self._timetable is not None and self._scenario.sessions:
@@ -237,6 +244,7 @@ class Recorder:
             "reward": number(rows["reward"]),
             "action": word(self._action_at[species, rows["action"]], self._actions),
             **{name: pa.array(rows[name]) for name in rows if name.startswith((MEASURE, CUE))},
+            **{TRAIT + name: variable(at, "trait") for name, at in self._trait_at.items()},
             **{SET_POINT + name: variable(at, "set_point") for name, at in self._set_point_at.items()},
             **{name: pa.array(rows[name].tolist()) for name in TRIALS if name in rows},
             **{name: pa.array(rows[name].tolist(), pa.string()) for name in rows if name == DEEDS},

@@ -366,6 +366,7 @@ class RerunObserver:
             sample["set_point"] = np.where(alive[:, None], state.set_point, np.nan).astype(np.float32)
         if self._sampled == 0 or state.tick % (SPARSE * self._every) == 0:  # by the tick: a run that is resumed, too
             sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
+            sample["traits"] = census.histograms(scene.scenario, state)
             sample["coupling"] = {name: self._coupling(name, state) for name in scene.coupled}
         self._samples.append(sample)
         self._sampled += 1

@@ -7,6 +7,7 @@ import dataclasses
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import platform
 import re
@@ -113,7 +114,8 @@ LATER: Mapping[str, Mapping[str, Any]] = {
     "Arena": {"holes": ()},
     "Need": {"set_range": None, "adaptation": None, "weight": 1.0, "excess": 1.0},
     "Scenario": {"cues": (), "schedule": (), "sessions": ()},
-    "Species": {"cues": (), "stages": (), "drive_power": 2.0},
+    "Species": {"cues": (), "stages": (), "drive_power": 2.0, "traits": ()},
+    "Birth": {"parents": 1, "mates_within": math.inf},
 }
 
 
