@@ -94,8 +94,13 @@ def matrix(
     weight = coupling.weight * state.alive[rows, None] * state.alive[others]
     if e.kin:
         mine, theirs = state.serial[rows, None], state.serial[others]
-        parent, their_parent = state.parent[rows, None], state.parent[others]
-        weight *= (parent == theirs) | (their_parent == mine) | ((parent == their_parent) & (parent >= 0))
+        ancestors = [state.parent] if state.second is None else [state.parent, state.second]
+        related = np.zeros(weight.shape, bool)
+        for one in ancestors:
+            related |= (one[rows, None] == theirs) | (one[others] == mine)
+            for other in ancestors:
+                related |= (one[rows, None] == other[others]) & (one[rows, None] >= 0)
+        weight *= related
     if np.isfinite(e.within):
         gap = plane.gap(state.position[rows, None], state.position[others])
         weight *= elementary.hypot(gap[..., 0], gap[..., 1]) <= e.within

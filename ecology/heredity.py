@@ -7,6 +7,7 @@ of a species in the scenario then is said of every body by its own trait.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -69,7 +70,7 @@ def read(species: Species, trait: Trait) -> tuple[str, int, float]:
     need, _, field = trait.of.rpartition(".")
     if need in names and field in BODILY:
         it = species.needs[names.index(need)]
-        return field, names.index(need), float(it.x0 if field == "start" else getattr(it, field))
+        return field, names.index(need), float(getattr(it, field))
     known = [*OTHERS, *(f"{name}.{field}" for name in names for field in BODILY)]
     require(trait.of in OTHERS, f"{owner} is of {trait.of!r}, which cannot be inherited. {nearest(trait.of, known)}")
     if trait.of == "empathy.weight":
@@ -95,16 +96,13 @@ def check(species: Species) -> None:
             low <= value <= high,
             f"{owner}: the trait {trait.name!r} starts at {value:g}, outside its bounds {trait.bounds!r}; widen them.",
         )
-        least = {"set_point": species.needs[column].set_points[0], "start": species.needs[column].low}.get(
-            field, -np.inf
-        )
-        most = {"set_point": species.needs[column].set_points[1], "start": species.needs[column].bounds[1]}
+        least, most = species.needs[column].set_points if field == "set_point" else (-math.inf, math.inf)
         if field in ("leak", "noise", "speed"):
             least = 0.0
         require(
-            least <= low and high <= most.get(field, np.inf),
-            f"{owner}: the bounds {trait.bounds!r} of the trait {trait.name!r} must lie from {least:g} to "
-            f"{most.get(field, np.inf):g}" + ("; give the need a wider set_range." if field == "set_point" else "."),
+            least <= low and high <= most,
+            f"{owner}: the bounds {trait.bounds!r} of the trait {trait.name!r} must lie from {least:g} to {most:g}"
+            + ("; give the need a wider set_range." if field == "set_point" else "."),
         )
 
 
@@ -173,7 +171,9 @@ def embody(heredity: Heredity, body: Body, state: State) -> Body:
         if own.need >= 0:
             array = changed.setdefault(own.field, getattr(body, own.field).copy())
             array[own.rows, own.need] = state.trait[own.rows, own.column]
-    return replace(body, **changed)  # type: ignore[arg-type]
+    at_work = {"leak": "leaks", "ageing": "varies", "noise": "noisy"}
+    flags = {at_work[field]: True for field in changed if field in at_work}
+    return replace(body, **changed, **flags)  # type: ignore[arg-type]
 
 
 def base(model: Model, state: State) -> Floats:

@@ -194,8 +194,10 @@ class Scenario:
             require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
         heredity.check(species)
         for need in species.needs:
+            leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
             fastest = (
-                need.leak - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
+                max([need.leak, *leaks])
+                - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
             )
             require(
                 fastest * self.dt <= 1,

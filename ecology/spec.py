@@ -16,7 +16,7 @@ from ecology.errors import EcologyError, nearest
 
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "act"]
 Commitment = Literal["free", "committed"]
-BODILY = ("set_point", "start", "decay", "leak", "ageing", "noise")  # numbers of a need that can be inherited
+BODILY = ("set_point", "decay", "leak", "ageing", "noise")  # numbers of a need that can be inherited
 
 
 def require(rule: bool, message: str) -> None:
@@ -643,9 +643,9 @@ class Empathy:
 class Trait:
     """A number of a species that every body has of its own, from its parents.
 
-    `of` says which: "NEED.set_point", "NEED.start", "NEED.decay", "NEED.leak", "NEED.ageing", "NEED.noise", "speed" (a
-    factor of the speed of all actions), "empathy.weight" (of the sum form), or "none" for a marker without any effect.
-    A child has it from its parent, from either of two by a coin, with a normal mutation, kept within the bounds.
+    `of` says which: "NEED.set_point", "NEED.decay", "NEED.leak", "NEED.ageing", "NEED.noise", "speed" (a factor of the
+    speed of all actions), "empathy.weight" (of the sum form), or "none" for a marker without any effect. A child has it
+    from its parent, from either of two by a coin, with a normal mutation, kept within the bounds.
     """
 
     name: str

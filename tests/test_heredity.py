@@ -170,6 +170,37 @@ def test_every_body_has_its_own_decay_speed_and_set_point():
     assert tick.observations["body"][:, 0] == pytest.approx(now.internal[:, 0] - 1.5)
 
 
+def test_what_the_scenario_does_not_have_can_be_inherited():
+    """A leak, an ageing and a noise of 0 in the scenario are at work where a body has its own."""
+    for of, low, value, expected in (("leak", 0.0, 0.1, 1.79), ("ageing", 0.0, 50.0, 1.98)):
+        env = start(bodies(Trait(name="t", of=f"food.{of}", bounds=(low, 100.0 if of == "ageing" else 0.5))))
+        env.put(trait=np.array([[value], [0.0]]))
+        for _ in range(1 if of == "leak" else 2):
+            env.step_arrays(ask(env, body="rest"))
+        now = env.state_view.internal[:, 0]
+        assert now[0] == pytest.approx(expected if of == "leak" else 1.99 - 0.01 * 51)
+        assert now[1] == pytest.approx(1.99 if of == "leak" else 1.98)
+    env = start(bodies(Trait(name="t", of="food.noise", bounds=(0.0, 1.0))))
+    env.put(trait=np.array([[0.5], [0.0]]))
+    env.step_arrays(ask(env, body="rest"))
+    assert env.state_view.internal[1, 0] == pytest.approx(1.99)
+    assert abs(env.state_view.internal[0, 0] - 1.99) > 1e-3
+
+
+def test_kin_are_those_of_either_parent():
+    """With two parents, both feel their child, and siblings of one shared parent feel each other."""
+    kin = Empathy(weight=1.0, kin=True, perceived=False)
+    env = start(breeders(MARK, parents=2, count=4, capacity=8, empathy=kin))
+    while not (env.state_view.second >= 0).any():
+        env.step_arrays(np.zeros(8, np.int64))
+    now = env.state_view
+    child = int(np.argmax(now.second >= 0))
+    weights, slots = env.coupling("body")
+    felt = {int(now.serial[slots[j]]) for j in np.flatnonzero(weights[child]) if slots[j] != child}
+    living = set(now.serial[now.alive].tolist())
+    assert {int(now.parent[child]), int(now.second[child])} & living <= felt
+
+
 def test_every_body_has_its_own_weight_of_empathy():
     """In the sum form the drive is the own one plus one's own weight times the other's."""
     trait = Trait(name="care", of="empathy.weight", bounds=(0.0, 1.0))
