@@ -352,4 +352,5 @@ def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None
 def _batches(parts: Iterable[Path]) -> Iterator[pa.RecordBatch]:
     for part in parts:
         with _intact(part), pq.ParquetFile(part) as file:
-            yield from file.iter_batches(ROWS)
+            if file.num_row_groups:  # a run that was stopped before its first sample has left none
+                yield from file.iter_batches(ROWS)
