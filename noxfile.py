@@ -33,7 +33,7 @@ def run_tests(session: nox.Session, *options: str, **variables: str | None) -> N
     """Run the tests that were named after `--`, or all, with environment `variables`."""
     cache = {"NUMBA_CACHE_DIR": str(Path(session.create_tmp()) / "numba")}  # of this session alone
     parallel = ("-n", "auto", "--dist", "loadfile")
-    session.run("python", "-m", "pytest", *parallel, *options, *session.posargs, env={**cache, **variables})
+    session.run("pytest", *parallel, *options, *session.posargs, env={**cache, **variables})
 
 
 @nox.session

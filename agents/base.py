@@ -34,7 +34,8 @@ def drive_terms(layout: Layout) -> tuple[np.ndarray, np.ndarray, float]:
     """Return how an agent knows its drive: `mix` (D, D), `felt` (D,), p; zeta (..., D) as rows.
 
     d(zeta) = (epsilon + |zeta mix|^2)^(p/2) + zeta . felt: own regulated deviations, with what is felt of
-    others added to the deviation that it belongs to (`mix`) or to the drive itself (`felt`).
+    others added to the deviation that it belongs to (`mix`) or to the drive itself (`felt`). For a drive that is
+    no paper's, see `drive_bend`.
     """
     count = len(layout.kinds)
     own = (np.array(layout.kinds) == "deviation") & layout.regulated
@@ -46,7 +47,18 @@ def drive_terms(layout: Layout) -> tuple[np.ndarray, np.ndarray, float]:
             mix[row, to] = float(layout.regulated[to])
         elif kind == "felt":
             felt[row] = 1.0
+    mix = mix * getattr(layout, "below", np.ones(count))
     return mix.astype(np.float32), felt.astype(np.float32), float(getattr(layout, "exponent", 1.0))
+
+
+def drive_bend(layout: Layout) -> tuple[np.ndarray, float]:
+    """Return the rest of the drive's form: how many times more a deviation counts above its set point, (D,), and n.
+
+    With y = zeta mix, d(zeta) = (epsilon + sum_i |b_i y_i|^n)^(p/n) + zeta . felt; b_i is that where y_i > 0, else 1.
+    """
+    count = len(layout.kinds)
+    above, below = (getattr(layout, side, np.ones(count)) for side in ("above", "below"))
+    return (above / below).astype(np.float32), float(getattr(layout, "power", 2.0))
 
 
 @dataclass(frozen=True)
@@ -95,10 +107,18 @@ class Learner(ABC):
     def _terms(self) -> tuple[np.ndarray, np.ndarray, float]:
         return drive_terms(self.group.layout)
 
+    @functools.cached_property
+    def _bend(self) -> tuple[np.ndarray, float]:
+        return drive_bend(self.group.layout)
+
     def drive(self, zeta: np.ndarray) -> np.ndarray:
         """Return d (...) at zeta (..., D), which an agent is given to know; its reward is the fall of d in a tick."""
         mix, felt, exponent = self._terms
-        return (np.square(zeta @ mix).sum(-1) + self.group.layout.epsilon) ** (exponent / 2) + zeta @ felt
+        above, power = self._bend
+        own = zeta @ mix
+        if power != 2 or (above != 1).any():
+            own = np.abs(own * np.where(own > 0, above, 1.0)) ** (power / 2)
+        return (np.square(own).sum(-1) + self.group.layout.epsilon) ** (exponent / power) + zeta @ felt
 
     @abstractmethod
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:

@@ -37,6 +37,7 @@ from ecology.agents.lives import (
 from ecology.agents.planner import Camping, Exploring, Paths, Planner, served
 from ecology.ground import scatter, wrap
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
+from ecology.physiology import set_points
 from ecology.state import Bools, Floats, Ints
 
 BASELINES = ("planner", "camping", "greedy", "qvalue", "random", "rest")
@@ -391,7 +392,8 @@ def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot:
         position[slot] = zeta[where]
     if "heading" in names:
         heading[slot] = zeta[names.index("heading")]
-    internal[slot] = zeta[: len(species.needs)] + [need.set_point for need in species.needs]
+    set_point = set_points(env.world.model.body, now)[me, : len(species.needs)]
+    internal[slot] = zeta[: len(species.needs)] + set_point
     put(env, group, position, heading, internal)
     actions = np.zeros(env.size, np.int64)
     for other in env.groups.values():

@@ -9,7 +9,9 @@ import numpy as np
 
 from ecology import Ecology, EcologyError, Group, Tick
 from ecology.agents.base import Learner, Transition
+from ecology.interventions import Effect
 from ecology.observers.base import Observer
+from ecology.schedule import ScheduledTick
 
 
 def run(
@@ -29,6 +31,8 @@ def run(
     stands still.
     """
     observers = tuple(observers)
+    if isinstance(tick, ScheduledTick) and tick.state.tick == 0:
+        follow(env, learners, tick)
     with observing(observers, env, learners):
         return advance(env, learners, tick, ticks, observers, clock)
 
@@ -68,6 +72,8 @@ def advance(
     observers = tuple(observers)
     groups = [(group, learners[group.name]) for group in env.groups.values()]
     actions = np.zeros(env.size, np.int64)
+    if isinstance(tick, ScheduledTick) and env.state_view.tick == 0:
+        report(env, observers, tick)
     for _ in range(ticks):
         before = tick if between is None else between(tick)
         for group, learner in groups:
@@ -82,30 +88,80 @@ def advance(
                     f"index for every slot, got {chosen!r}."
                 ) from error
         tick = env.step_arrays(actions)
-        alive = tick.alive & ~tick.born
-        changed = bool((tick.died | tick.born).any())
+        scheduled = tick if isinstance(tick, ScheduledTick) else None
+        lived = tick if scheduled is None else scheduled.lived
+        alive = lived.alive & ~lived.born
+        changed = bool((lived.died | lived.born).any())
         for group, learner in groups:
             if learner.learning:
                 began = clock()
+                after = _outcome(group, before, lived) if changed else lived.observations[group.name]
                 learner.learn(
                     Transition(
                         observations=before.observations[group.name],
                         masks=before.masks[group.name],
-                        actions=tick.action[group.slots],
-                        next_observations=_outcome(group, before, tick) if changed else tick.observations[group.name],
-                        next_masks=tick.masks[group.name],
+                        actions=lived.action[group.slots],
+                        next_observations=after if scheduled is None else _felt(group, after, scheduled),
+                        next_masks=lived.masks[group.name],
                         alive=alive[group.slots],
-                        died=tick.died[group.slots],
+                        died=lived.died[group.slots],
                     )
                 )
                 learner.seconds += clock() - began
             if changed:
-                _pass_on(group, learner, tick)
+                _pass_on(group, learner, lived)
+        if scheduled is not None:
+            follow(env, learners, scheduled)
         if observers:
-            state = env.state_view
+            state = env.state_view if scheduled is None else scheduled.state
             for observer in observers:
-                observer.watch(state, tick, learners)
+                observer.watch(state, lived, learners)
+            if scheduled is not None:
+                report(env, observers, scheduled)
     return tick
+
+
+def follow(env: Ecology, learners: Mapping[str, Learner], tick: ScheduledTick) -> None:
+    """Tell the learners what the schedule did after a tick: whoever feels it was not interrupted, unless moved."""
+    for _, effect in tick.effects:
+        pass_on_effect(env, learners, effect, effect.moved if tick.felt else effect.changed)
+
+
+def report(env: Ecology, observers: Iterable[Observer], tick: ScheduledTick) -> None:
+    """Tell the observers what the schedule did after a tick."""
+    for text, effect in tick.effects:
+        for observer in observers:
+            if (told := getattr(observer, "intervened", None)) is not None:
+                told(env.state_view, text, effect.said)
+
+
+def pass_on_effect(env: Ecology, learners: Mapping[str, Learner], effect: Effect, cut: Iterable[int]) -> None:
+    """Tell the learners what an intervention did; in the slots `cut` what comes next does not follow from the last."""
+    for species, learner in learners.items():
+        rows = env.groups[species].slots
+
+        def mine(slots: Iterable[int], rows: slice = rows) -> np.ndarray:
+            return np.array([slot - rows.start for slot in slots if rows.start <= slot < rows.stop], np.int64)
+
+        if (slots := mine(effect.died)).size:
+            learner.died(slots)
+        if (slots := mine(effect.born)).size:
+            learner.born(slots, np.full(len(slots), -1))
+        if (slots := mine(cut)).size:
+            learner.interrupted(slots)
+        if species in effect.learning:
+            learner.learning = effect.learning[species]
+            learner.begin()
+
+
+def _felt(group: Group, after: np.ndarray, tick: ScheduledTick) -> np.ndarray:
+    """Return the observations after a tick (n, D): with what the schedule did, of those who live through it unmoved."""
+    if not tick.felt:
+        return after
+    through = (tick.lived.alive & tick.alive & ~tick.born)[group.slots]
+    moved = [slot - group.slots.start for _, effect in tick.effects for slot in effect.moved]
+    through[[row for row in moved if 0 <= row < group.size]] = False
+    return np.where(through[:, None], tick.observations[group.name], after)
 
 
 def _outcome(group: Group, before: Tick, tick: Tick) -> np.ndarray:

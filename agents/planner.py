@@ -187,7 +187,7 @@ def simulate(plans: Plans, scenario: Scenario, group: Group, known: Knowledge, t
             hold = np.maximum(np.where(begins, table.duration[known.sleep], hold) - dt, 0.0)
         left = left - np.where(action == walk, 1.0, np.where(action == run, pace, 0.0)) * goes
         internal = clamp(body, advance(body, internal, control[action], tick * dt, age, dt, rng))
-        total += drive((internal - body.set_point) * body.regulated, body.epsilon)
+        total += drive((internal - body.set_point) * body.regulated, body.epsilon, form=body.form)
     return total / ticks
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import elementary, fields
+from ecology import elementary, fields, stages
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError
 from ecology.ground import plane
@@ -144,19 +144,34 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
-    mud = model.fields is not None and model.fields.slows
-    if mud or state.pace is not None:
-        pace = np.ones(n) if state.pace is None else state.pace
-        slow(model, state, speed, pace * fields.share(model, state, "slowing") if mud else pace)
+    if (factor := pace(model, state)) is not None:
+        hurry(model, state, speed, way, factor)
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
 
 
-def slow(model: Model, state: State, speed: Floats, pace: Floats) -> None:
-    """Hold `speed` (N,) to the share `pace` (N,) of what the actions allow."""
+def pace(model: Model, state: State) -> Floats | None:
+    """Return the factor of every body's speed by age, traits, fields and the rule, (N,); None without any."""
+    mud = model.fields is not None and model.fields.slows
+    found = None
+    for factor in (
+        None if model.stages is None else model.stages.of(model.stages.speed, state.age),
+        None if model.heredity is None else model.heredity.values(state, "speed", 1.0),
+        fields.share(model, state, "slowing") if mud else None,
+        state.pace,
+    ):
+        found = factor if found is None else found if factor is None else found * factor
+    return found
+
+
+def hurry(model: Model, state: State, speed: Floats, way: Floats, factor: Floats) -> None:
+    """Multiply `speed` (N,) by `factor` (N,); a go_to, along its `way` (N, 2), still ends where it leads."""
+    going, left = np.flatnonzero(state.bound_for >= 0), np.full(len(speed), np.inf)
+    left[going] = np.sqrt(way[going, 0] ** 2 + way[going, 1] ** 2) / model.dt
     for group, table in model.acting:
         rows = group.slots
-        speed[rows] = np.minimum(speed[rows], table.speed[state.action[rows]] * pace[rows])
+        full = table.speed[state.action[rows]] * factor[rows]
+        speed[rows] = np.where(state.alive[rows], np.minimum(full, left[rows]), 0.0)
 
 
 def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
@@ -182,7 +197,7 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
     where one leads `toward` (N, K) another, bite and give where there is a target (n, A), all -1 without; an action
     that still immobilises is the only one open. A dead slot has no open action.
     """
-    return {
+    masks = {
         group.name: open_masks(
             state.internal[group.slots], state.alive[group.slots], state.hold[group.slots], state.action[group.slots],
             state.bound_for[group.slots], here[group.slots], toward[group.slots], targets[group.name],
@@ -190,6 +205,9 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
         )
         for group, table in model.acting
     }  # fmt: skip
+    if model.stages is not None:
+        stages.close(model, state, masks)
+    return masks
 
 
 # ---- compiled loops ----------------------------------------------------------------------------

@@ -84,6 +84,14 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
         if not good.all():
             slot, need = np.argwhere(~good)[0]
             _hold("internal", x, good, f"within the bounds of the need, {low[slot, need]:g} to {high[slot, need]:g}")
+    if "set_point" in changed:
+        x = changed["set_point"]
+        _hold("set_point", x, (x >= body.least) & (x <= body.most), "within the set_range of the need")
+    if "trait" in changed and model.heredity is not None:
+        x = changed["trait"]
+        _hold("trait", x, (x >= model.heredity.low) & (x <= model.heredity.high), "within the bounds of the trait")
+    if "cue" in changed:
+        _hold("cue", changed["cue"], (changed["cue"] >= 0) & (changed["cue"] <= 1), "from 0 to 1")
     if changed.keys() & {"position", "alive"}:
         place = changed.get("position", state.position)
         _hold("position", place, inside(scenario, place) | ~alive, "inside the arena")
@@ -140,11 +148,17 @@ def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -
         near = (arrays[name] >= (left - reach, bottom - reach)) & (arrays[name] <= (right + reach, top + reach))
         _hold(name, arrays[name], near, "in the arena", SNAPSHOT)
     speed, fastest = told["told_velocity"], FARTHEST * model.radius.max(initial=0.0) / model.dt
+    if model.stages is not None:
+        fastest *= model.stages.size.max()
     _hold("told_velocity", speed, np.abs(speed) <= fastest * (1 + ROUNDING), f"at most {fastest:g}", SNAPSHOT)
     _hold("stock", state.stock, state.stock >= 0, "at least 0", SNAPSHOT)
     for name in powers.SHARES & arrays.keys():
         _hold(name, arrays[name], (arrays[name] >= 0) & (arrays[name] <= 1), "from 0 to 1", SNAPSHOT)
     _hold("heading", state.heading, np.abs(state.heading) <= np.pi, "from -pi to pi", SNAPSHOT)
+    for name, least, most in (("partner", -1, slots), ("second", -1, names), ("cue", 0, np.nextafter(1, 2))):
+        if name in arrays:
+            value = arrays[name]
+            _hold(name, value, (value >= least) & (value < most), "of its range", SNAPSHOT)
     for name, low, high in (
         ("age", 0, np.inf), ("hold", 0, np.inf), ("closed", 0, np.inf), ("action", 0, model.choices),
         ("cause", 0, len(CAUSES)), ("fatal_need", -1, model.body.low.shape[1]), ("bound_for", -1, patches),

@@ -21,29 +21,35 @@ import numba
 
 from ecology.errors import EcologyError
 
-compiled = numba.njit(cache=True, no_cfunc_wrapper=True)  # type: ignore[call-overload]  # called by Python
-within = numba.njit(cache=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)  # type: ignore[call-overload]  # called by other kernels alone
+_inlined: dict[str, tuple[Path, ...]] = {}  # by file, the files of the functions that are compiled into its own
 
 PLACES = ("/dev/shm",)  # tried where Python finds no temporary folder, as in a container without a writable /tmp
 
 
 def use_cache(file: str, *inlined: str) -> None:
-    """Make sure that Numba can keep the compiled functions of the source `file`; call it before its first `njit`.
+    """Make sure that Numba can keep the compiled functions of the source `file`; call it before the first of them.
 
-    Functions of the sources `inlined` are compiled into those of `file`. Numba compiles a source again after it has
-    changed, but does not look at these, so `file` is made as new as they are.
+    Functions of the sources `inlined` are compiled into those of `file`: see `keep_compiled`.
 
     Numba keeps them beside the source, in the user's cache or in NUMBA_CACHE_DIR. Where it can write to none of these,
     NUMBA_CACHE_DIR becomes a temporary folder of this user, for this process and those that it starts. Raises
     EcologyError where no folder can be written.
     """
-    with contextlib.suppress(OSError):  # a folder that cannot be written has not changed
-        newest = max((os.stat(each).st_mtime for each in inlined), default=0.0)
-        if newest > os.stat(file).st_mtime:
-            os.utime(file, (newest, newest))
+    _inlined[file] = tuple(map(Path, inlined))
     if not _can_cache(file):
         folder = str(_temporary_folder())
         os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+
+
+def compiled(function: Any) -> Any:
+    """Compile a loop that Python calls."""
+    return keep_compiled(numba.njit(no_cfunc_wrapper=True)(function), _inlined[function.__code__.co_filename])  # type: ignore[call-overload]
+
+
+def within(function: Any) -> Any:
+    """Compile a loop that only other loops call."""
+    quick = numba.njit(no_cfunc_wrapper=True, no_cpython_wrapper=True)  # type: ignore[call-overload]
+    return keep_compiled(quick(function), _inlined[function.__code__.co_filename])
 
 
 def keep_compiled(function: Any, sources: tuple[Path, ...]) -> Any:

@@ -13,7 +13,7 @@ import math
 import numba
 import numpy as np
 
-from ecology.compiler_cache import use_cache
+from ecology.compiler_cache import compiled, use_cache
 
 use_cache(__file__)
 
@@ -37,7 +37,7 @@ COARSE = (4.63647609000806093515e-01, 7.85398163397448278999e-01, 9.827937232473
 FINE = (2.26987774529616870924e-17, 3.06161699786838301793e-17, 1.39033110312309984516e-17, 6.12323399573676603587e-17)
 
 
-@numba.njit(cache=True)
+@compiled
 def cosine_and_sine(x: float) -> tuple[float, float]:
     """Return the cosine and the sine of an angle in radians."""
     if abs(x) > TURNS:
@@ -59,7 +59,7 @@ def cosine_and_sine(x: float) -> tuple[float, float]:
     return c, s
 
 
-@numba.njit(cache=True)
+@compiled
 def arctangent(x: float) -> float:
     """Return the angle in [0, pi / 2] whose tangent is x >= 0."""
     part = -1
@@ -80,7 +80,7 @@ def arctangent(x: float) -> float:
     return COARSE[part] - ((x * (odd + even) - FINE[part]) - x)
 
 
-@numba.njit(cache=True)
+@compiled
 def angle_of(y: float, x: float) -> float:
     """Return the angle of the vector (x, y) in [-pi, pi], 0 of none."""
     if x == 0.0:
@@ -93,7 +93,7 @@ def angle_of(y: float, x: float) -> float:
     return math.copysign(angle, y)
 
 
-@numba.njit(cache=True)
+@compiled
 def exponential(x: float) -> float:
     """Return e^x, 0 below -708 and infinity above 709."""
     if x < -708.0:
@@ -109,7 +109,7 @@ def exponential(x: float) -> float:
     return math.ldexp(y, int(power))
 
 
-@numba.njit(cache=True)
+@compiled
 def logarithm(x: float) -> float:
     """Return ln x of x > 0."""
     m, k = math.frexp(x)

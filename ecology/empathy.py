@@ -36,6 +36,7 @@ class Coupling:
     counts: Floats  # (m, V) how much each need of the other counts, by the other's columns
     column: Ints  # (m, V) column of the other's need of the same name, -1 without, by one's own columns
     own: Floats  # (V,) w_ii of the average form, by one's own columns; 1 in the sum form
+    inherited: bool = False  # whether every body has a weight of its own; `weight` is a factor of that then
 
 
 def own_weights(species: Species, everyone: Sequence[Species]) -> dict[str, float]:
@@ -64,7 +65,8 @@ def compile_coupling(species: Sequence[Species], slots: Sequence[slice], width: 
             continue
         felt = [k for k, other in enumerate(species) if other.name in felt_species(s)]
         others = np.concatenate([np.arange(slots[k].start, slots[k].stop) for k in felt])
-        weight = np.full((s.slots, len(others)), float(s.empathy.weight))
+        inherited = any(trait.of == "empathy.weight" for trait in s.traits)
+        weight = np.full((s.slots, len(others)), 1.0 if inherited else float(s.empathy.weight))
         if s.empathy.matrix is not None:
             weight[:, np.isin(others, np.arange(slots[i].start, slots[i].stop))] *= np.array(s.empathy.matrix)
         weight[others == np.arange(slots[i].start, slots[i].stop)[:, None]] = 0.0
@@ -78,7 +80,7 @@ def compile_coupling(species: Sequence[Species], slots: Sequence[slice], width: 
                     column[theirs, v] = names.index(need.name)
         own = np.ones(width)
         own[: len(s.needs)] = list(own_weights(s, species).values())
-        found.append(Coupling(s.name, s.empathy, slots[i], others, weight, counts, column, own))
+        found.append(Coupling(s.name, s.empathy, slots[i], others, weight, counts, column, own, inherited))
     return found
 
 
@@ -150,10 +152,12 @@ def _shuffled(weight: Floats, alive: Bools, ring: Ints, others: Ints, mine: Ints
 def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats:
     """Return what is felt of others, (n, V), by one's own columns (sum form: in column 0) for weights (n, m)."""
     others, rows = coupling.others, coupling.rows
-    delta = physiology.deviation(body, state.internal)
+    delta = physiology.deviation(body, state.internal, state.set_point)
     felt = np.zeros((len(weight), delta.shape[1]))
     if coupling.empathy.form == "sum":
-        theirs = physiology.drive(delta[others] * coupling.counts, body.epsilon[others], body.exponent[others])
+        theirs = physiology.drive(
+            delta[others] * coupling.counts, body.epsilon[others], body.exponent[others], _form(body, others)
+        )
         felt[:, 0] = weight @ theirs
         return felt
     has = coupling.column >= 0
@@ -172,8 +176,9 @@ def update_drives(
     The dead feel what they felt last: to die is no relief.
     """
     body, last = model.body, (state.drive, state.felt)
-    delta = physiology.deviation(body, state.internal)
-    state.own_drive = state.drive = physiology.drive(delta, body.epsilon, 1.0 if body.straight else body.exponent)
+    delta = physiology.deviation(body, state.internal, state.set_point)
+    exponent = 1.0 if body.straight else body.exponent
+    state.own_drive = state.drive = physiology.drive(delta, body.epsilon, exponent, body.form)
     if model.appearing is not None and model.appearing.left:  # what is taken out of the dead changes no drive
         state.own_drive = state.drive = np.where(state.alive, state.drive, last[0])
     if not model.couplings:
@@ -187,10 +192,14 @@ def update_drives(
             state.drive[rows] = state.own_drive[rows] + felt[:, 0]
         else:
             state.drive[rows] = physiology.drive(
-                coupling.own * delta[rows] + felt, body.epsilon[rows], body.exponent[rows]
+                coupling.own * delta[rows] + felt, body.epsilon[rows], body.exponent[rows], _form(body, rows)
             )
     state.drive = np.where(state.alive, state.drive, last[0])
     state.felt = np.where(state.alive[:, None], state.felt, last[1])
+
+
+def _form(body: Body, which: slice | Ints) -> physiology.Form | None:
+    return None if body.form is None else body.form.rows(which)
 
 
 def weigh(
@@ -207,5 +216,8 @@ def weigh(
     if coupling.empathy.sight and pairs is not None:
         seen = eyes.sees_others(pairs, state.position, state.heading, model.looks)
     weight = matrix(coupling, state, model.plane, pairs, seen, order)
+    own = None if model.heredity is None else model.heredity.values(state, "empathy.weight", 1.0)
+    if own is not None and coupling.inherited:
+        weight *= own[coupling.rows, None]
     factor = factors.get(coupling.species, 1.0)
     return weight if factor == 1.0 else weight * factor

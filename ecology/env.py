@@ -13,6 +13,7 @@ from pettingzoo import ParallelEnv
 from ecology.errors import EcologyError, nearest
 from ecology.model import Group, compile_model
 from ecology.scenario import Scenario
+from ecology.schedule import Timetable, carry_out
 from ecology.spec import require
 from ecology.state import Floats, Ints, State
 from ecology.world import ArrayWorld, Tick
@@ -46,6 +47,9 @@ class Ecology(ParallelEnv):
             f"horizon must be a positive whole number of ticks, got {horizon!r}.",
         )
         self.world = ArrayWorld(compile_model(scenario))
+        self.timetable: Timetable | None = None  # of the schedule, if there is one
+        if scenario.schedule or scenario.sessions:
+            self.timetable = Timetable(scenario)
         self.horizon = horizon
         self.render_mode = render_mode
         if not self.open_population:  # with births there is no end of names: see ecology.fixed
@@ -106,15 +110,27 @@ class Ecology(ParallelEnv):
                 isinstance(seed, (int, np.integer)) and seed >= 0,
                 f"seed must be a whole number of at least 0, got {seed!r}.",
             )
-        return self.world.reset(_next_seed(self.seed) if seed is None else int(seed))
+        seed = _next_seed(self.seed) if seed is None else int(seed)
+        tick = self.world.reset(seed)
+        if self.timetable is None:
+            return tick
+        self.timetable.start(seed)
+        return self._scheduled(tick)
 
     def step_arrays(self, actions: Ints) -> Tick:
         """Advance one tick, see `ecology.world.ArrayWorld.step` for the order of things.
 
         `actions` (N,) holds an index into each slot's own species' actions; entries of dead
-        slots are ignored.
+        slots are ignored. What the schedule does after the tick is perceived with it: a `ScheduledTick` then.
         """
-        return self.world.step(actions)
+        tick = self.world.step(actions)
+        return tick if self.timetable is None else self._scheduled(tick)
+
+    def _scheduled(self, tick: Tick) -> Tick:
+        """Return the tick with what the schedule does after it."""
+        assert self.timetable is not None
+        now = self.world.state.tick
+        return tick if self.timetable.next > now else carry_out(self, self.timetable.take(now), tick)
 
     def sighted(self, slot: int) -> Ints:
         """Return the slots of the others that the agent in `slot` sees now, (k,); none if its species does not look."""
@@ -156,6 +172,14 @@ class Ecology(ParallelEnv):
         """
         return self.world.reweigh(species, factor)
 
+    def change(self, path: str, value: float) -> Tick:
+        """Change a number of the scenario between ticks, such as `prey.birth.rate`; return what is perceived now.
+
+        Raises EcologyError, the world being unchanged, where there is no such number, where the scenario would not be
+        valid with it, and where slots, actions or the observation space would be other ones.
+        """
+        return self.world.change(path, value)
+
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the world has become: arrays by name, and plain values that JSON holds.
 
@@ -168,7 +192,10 @@ class Ecology(ParallelEnv):
 
         Raises EcologyError, the world being unchanged, where the snapshot is of another world.
         """
-        return self.world.restore(arrays, values)
+        tick = self.world.restore(arrays, values)
+        if self.timetable is not None:
+            self.timetable.start(values["seed"], after=self.world.state.tick)
+        return tick
 
     # ---- the PettingZoo border -----------------------------------------------------------
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary, physiology
+from ecology import elementary, physiology, setpoints
 from ecology.ground import Ground, wrap
 from ecology.spec import Birth, Hazard, Species
 from ecology.state import CAUSES, Bools, Floats, Ints, State
@@ -44,6 +44,8 @@ def reproduce(model: Model, state: State, free: Bools, met: Met, rng: np.random.
     Those of fit parents come first, then newcomers, then those that the rule brought about in `met`, while slots last.
     """
     born, parent = np.zeros(model.size, bool), model.nobody.copy()
+    if model.mates:
+        state.partner = model.nobody.copy()
     for group, species in model.species:
         if not species.grows:
             continue
@@ -80,12 +82,28 @@ def _give_birth(model: Model, state: State, name: str, species: Species, free: i
         return np.empty(0, np.int64)
     able = fit(birth, needs, state.internal[rows], state.age[rows], state.alive[rows])
     parents: Ints = rows.start + bearers(birth, able, free, model.dt, rng)
+    if birth.parents == 2:
+        parents = _mated(model, state, parents, rows.start + np.flatnonzero(able), birth.mates_within)
     if parents.size:
         state.own("given")
     for need, cost in birth.cost.items():
         state.internal[parents, needs.index(need)] -= cost
         state.given[parents, needs.index(need)] += cost
     return parents
+
+
+def _mated(model: Model, state: State, parents: Ints, able: Ints, within: float) -> Ints:
+    """Return those of `parents` (k,) that have a mate, the nearest other one of `able` (m,), and note who it is."""
+    if len(able) < 2 or not parents.size:
+        return parents[:0]
+    gap = model.plane.gap(state.position[parents, None], state.position[able])
+    distance = np.where(able == parents[:, None], np.inf, gap[..., 0] ** 2 + gap[..., 1] ** 2)  # squared
+    nearest = distance.argmin(axis=1)
+    found = distance[np.arange(len(parents)), nearest] <= within**2
+    state.own("partner")
+    assert state.partner is not None
+    state.partner[parents[found]] = able[nearest[found]]
+    return parents[found]
 
 
 def start_lives(model: Model, state: State, new: Ints, position: Floats, heading: Floats) -> None:
@@ -98,6 +116,9 @@ def start_lives(model: Model, state: State, new: Ints, position: Floats, heading
     state.lost[new] += state.internal[new]
     state.received[new] += start
     state.internal[new] = start
+    if state.set_point is not None:
+        state.own("set_point")
+        state.set_point[new] = setpoints.at_birth(model, model.body.set_point, state.time)[new]
     state.serial[new] = state.next_serial + np.arange(len(new))
     state.next_serial += len(new)
     state.alive[new], state.age[new], state.cause[new], state.parent[new] = True, 0.0, 0, -1
@@ -114,8 +135,13 @@ def start_lives(model: Model, state: State, new: Ints, position: Floats, heading
 def are_kin(state: State, one: Ints, other: Ints) -> Bools:
     """Return which of pairs of slots (...) are parent and child, or children of one parent, (...)."""
     mine, theirs = state.serial[one], state.serial[other]
-    parent, their_parent = state.parent[one], state.parent[other]
-    return (parent == theirs) | (their_parent == mine) | ((parent == their_parent) & (parent >= 0))
+    parents = [state.parent] if state.second is None else [state.parent, state.second]
+    found = np.zeros(np.broadcast(mine, theirs).shape, bool)
+    for first in parents:
+        found |= (first[one] == theirs) | (first[other] == mine)
+        for second in parents:
+            found |= (first[one] == second[other]) & (first[one] >= 0)
+    return found
 
 
 def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, alive: Bools) -> Bools:

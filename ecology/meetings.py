@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology import elementary, powers
+from ecology import elementary, powers, setpoints
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, ground_of, walls
@@ -42,6 +42,7 @@ class Outcome:
     sight: Floats | None = None  # (N,) share of its view range that it sees until the next tick, from 0 to 1; None: all
     doors: dict[str, bool] = field(default_factory=dict)  # name -> whether it is to be open after this tick
     memory: dict[str, Any] = field(default_factory=dict)  # name -> what the rule remembers of it from now on
+    set_point: Floats | None = None  # (N, V) x* from now on, of needs with a set_range; None: they stay
 
     def __setattr__(self, name: str, value: object) -> None:
         if name not in OUTCOME:
@@ -118,9 +119,12 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
     owner, state = f"the rule of scenario {scenario.name!r}", world.state
     if not isinstance(outcome, Outcome):
         raise EcologyError(f"{owner} must return an Outcome (start from world.nothing()), got {outcome!r}.")
-    for word, like in (("received", state.internal), ("given", state.internal), ("position", state.position)):
+    for word, like in (
+        ("received", state.internal), ("given", state.internal), ("position", state.position),
+        ("set_point", state.internal),
+    ):  # fmt: skip
         value = getattr(outcome, word)
-        if value is None and word == "position":
+        if value is None and word in ("position", "set_point"):
             continue
         numbers = isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
         if not numbers or value.shape != like.shape or not np.isfinite(value).all():
@@ -141,6 +145,8 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
                     f"{owner}: {word} has a column other than 0 for {species!r} that is none of its needs "
                     f"({', '.join(needs)}); find the column of a need by world.column({species!r}, need)."
                 )
+    if outcome.set_point is not None:
+        setpoints.check(outcome.set_point, scenario, world.slots, owner)
     if outcome.position is not None:
         outside = state.alive & ~world.inside(outcome.position)
         if outside.any():
@@ -273,6 +279,8 @@ def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) 
     met.received += np.where(living, outcome.received, 0.0)
     met.given += np.where(living, outcome.given, 0.0)
     met.ruled = outcome.killed & state.alive
+    if outcome.set_point is not None and state.set_point is not None:
+        state.set_point = np.where(living, outcome.set_point, state.set_point)
     if outcome.position is not None:
         position = model.plane.home(np.asarray(outcome.position, float))
         state.position = np.where(living, position, state.position)

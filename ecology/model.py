@@ -17,13 +17,16 @@ from ecology.errors import EcologyError, nearest
 from ecology.fields import Fields, compile_fields
 from ecology.ground import Ground, Plane, ground_of
 from ecology.hauling import Hauling, compile_hauling
+from ecology.heredity import Heredity, compile_heredity
 from ecology.physiology import Body
 from ecology.powers import Slot, compile_memory
 from ecology.resources import ResourceTable
-from ecology.scenario import Scenario
+from ecology.scenario import Scenario, puts
 from ecology.senses import Gaze, Layout
+from ecology.setpoints import Moving, compile_moving
 from ecology.sight import Eyes, compile_eyes
 from ecology.spec import Hearing, Species
+from ecology.stages import Stages, compile_stages
 from ecology.state import Bools, Floats, Ints, State
 
 
@@ -64,6 +67,7 @@ class Model:
     gazes: tuple[Gaze, ...]  # by species
     needs: Mapping[str, tuple[str, ...]]  # names by species, in the order of the columns
     patches: Mapping[str, slice]  # rows of the patches, by resource
+    cues: Mapping[str, int]  # places of the cues, by name
     body: Body
     eyes: Eyes
     resources: ResourceTable
@@ -84,6 +88,10 @@ class Model:
     hauling: Hauling | None
     fields: Fields | None
     doors: Doors | None
+    moving: Moving | None  # set points that move by themselves
+    stages: Stages | None  # of life
+    heredity: Heredity | None  # what is inherited
+    mates: bool  # whether any birth takes two parents
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Return this model: it never changes, so copies of a world share it."""
@@ -127,6 +135,21 @@ class Model:
             found.append((s, range(start, start + s.count)))
             start += s.count
         return found
+
+    def like(self, other: Model) -> str:
+        """Return in words where another model needs a state or senses of another shape, "" where it needs none."""
+        for name, group in self.groups.items():
+            theirs = other.groups[name]
+            if (group.slots, group.actions) != (theirs.slots, theirs.actions):
+                return f"the slots of {name}"
+            mine, changed = group.layout, theirs.layout
+            if any(
+                not np.array_equal(getattr(mine, part), getattr(changed, part)) for part in ("low", "high", "scale")
+            ):
+                return f"the range of what {name} perceives"
+            if (mine.epsilon, mine.exponent) != (changed.epsilon, changed.exponent):
+                return f"the drive that {name} know"
+        return "" if self.patches == other.patches else "the patches"
 
     def with_finite_stocks(self) -> Model:
         """Return this model with stocks that can run out, also where the scenario has unlimited ones only."""
@@ -176,6 +199,7 @@ def compile_model(scenario: Scenario) -> Model:
         gazes=gazes,
         needs={s.name: tuple(need.name for need in s.needs) for s in species},
         patches=patches,
+        cues={cue.name: i for i, cue in enumerate(scenario.cues)},
         body=body,
         eyes=compile_eyes(species, ground, kinds),
         resources=resources.compile_resources(kinds, arena, species),
@@ -192,12 +216,16 @@ def compile_model(scenario: Scenario) -> Model:
         mortal=body.deadly
         or scenario.rule is not None
         or any(s.hazard is not None or any(a.kind == "bite" for a in s.actions) for s in species),
-        grows=any(s.grows for s in species),
         appearing=compile_appearing(scenario, patches, {g.name: g.slots for g in groups.values()}, width),
         memory=compile_memory(scenario.memory),
         hauling=compile_hauling(species, kinds, {g.name: g.slots for g in groups.values()}, patches),
         fields=compile_fields(scenario.fields, species, ground, patches, {g.name: g.slots for g in groups.values()}),
         doors=Doors(arena.doors) if arena.doors else None,
+        grows=any(s.grows for s in species) or puts(scenario),
+        moving=compile_moving(species, width),
+        stages=compile_stages(species),
+        heredity=compile_heredity(species, blocks),
+        mates=any(s.birth is not None and s.birth.parents == 2 for s in species),
     )
 
 

@@ -47,17 +47,34 @@ class Physics:
     A copy builds its solver when it first moves, and then repeats these ticks.
     """
 
-    def __init__(self, ground: Ground, radius: Floats, solid: Bools, position: Floats, alive: Bools) -> None:
-        """Place N circles of `radius` (N,) at `position` (N, 2); dead ones touch nothing, ghosts the walls only."""
+    def __init__(
+        self,
+        ground: Ground,
+        radius: Floats,
+        solid: Bools,
+        position: Floats,
+        alive: Bools,
+        smallest: float | None = None,
+    ) -> None:
+        """Place N circles of `radius` (N,) at `position` (N, 2); dead ones touch nothing, ghosts the walls only.
+
+        `smallest` is the radius that any body can have at least; the smallest one's without.
+        """
         self.ground, self.radius, self.solid = ground, radius, solid
         self.plane = ground.plane
         self.count = len(radius)
-        self.smallest = float(radius.min()) if self.count else 1.0
+        self.smallest = smallest if smallest is not None else float(radius.min()) if self.count else 1.0
         self._start, self._end = (NOWHERE, NOWHERE) if ground.torus else (ground.start, ground.end)
         thick = None if ground.torus else thickened(ground.polygon, WALL, ROUNDED * self.smallest)
         self._rings, self._thick = (list(ground.rings), 0.0) if thick is None else (thick, WALL)
         self.touches = not ground.torus or bool(solid.any())
         self._build(position, alive)
+
+    def resize(self, radius: Floats, position: Floats, alive: Bools) -> None:
+        """Give bodies other radii (N,), where they are; if any is another, what was remembered of contacts is gone."""
+        if (radius != self.radius).any():
+            self.radius = radius
+            self._build(position, alive)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the solver, which can be neither copied nor pickled."""

@@ -6,12 +6,12 @@ Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeli
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, heredity
 from ecology.compiler_cache import compiled, use_cache
 from ecology.spec import Need, Species
 from ecology.state import Bools, Floats, Ints, State
@@ -20,6 +20,18 @@ if TYPE_CHECKING:
     from ecology.model import Model
 
 use_cache(__file__)
+
+
+class Form(NamedTuple):
+    """The form of the drive beyond the paper's: (epsilon + sum_i |c_i delta_i|^n) ^ (exponent / n), c by the sign."""
+
+    below: Floats  # (n, V) c below the set point, w^(1/n)
+    above: Floats  # (n, V) c above it
+    power: Floats  # (n,) n
+
+    def rows(self, which: Any) -> Form:
+        """Return the form of some of the bodies."""
+        return Form(self.below[which], self.above[which], self.power[which])
 
 
 @dataclass(frozen=True)
@@ -38,15 +50,19 @@ class Body:
     noise: Floats  # (n, V) per square root of a unit of time
     low: Floats  # (n, V) bounds
     high: Floats  # (n, V)
+    least: Floats  # (n, V) set points that it can have
+    most: Floats  # (n, V)
     lethal: Bools  # (n, V)
     regulated: Floats  # (n, V) 1 where the deviation counts in the drive
     epsilon: Floats  # (n,) of the drive
     exponent: Floats  # (n,) of the drive
+    form: Form | None  # of the drive, None where it is the paper's but for the exponent
     straight: bool  # whether every exponent is 1
     varies: bool  # whether any season or ageing is at work
     leaks: bool  # whether any rate is proportional to x
     noisy: bool
     deadly: bool
+    moves: bool  # whether any set point can move: they are in the state then
 
 
 def compile_bodies(species: Sequence[Species], width: int) -> Body:
@@ -76,29 +92,74 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
         noise=noise,
         low=rows(lambda need: need.low),
         high=rows(lambda need: need.bounds[1]),
+        least=rows(lambda need: need.set_points[0]),
+        most=rows(lambda need: need.set_points[1]),
         lethal=lethal,
         regulated=rows(lambda need: need.regulated),
         epsilon=np.repeat([s.drive_epsilon for s in species], [s.slots for s in species]),
         exponent=np.repeat([s.drive_exponent for s in species], [s.slots for s in species]),
+        form=_compile_form(species, width),
         straight=all(s.drive_exponent == 1.0 for s in species),
         varies=bool(frequency.any() or ageing.any()),
         leaks=bool(leak.any() or proportional.any()),
         noisy=bool(noise.any()),
         deadly=bool(lethal.any()),
+        moves=any(need.set_range is not None for s in species for need in s.needs),
     )
 
 
-def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0) -> Floats:
-    """Return d(delta) = (epsilon + delta . delta) ^ (exponent / 2), (...) for delta (..., V)."""
+def _compile_form(species: Sequence[Species], width: int) -> Form | None:
+    """Return the form of the drive of the slots of `species`, None where it is the paper's for all."""
+    if not any(bent(s) for s in species):
+        return None
+    factors = np.ones((len(species), 2, width))
+    for i, s in enumerate(species):
+        factors[i, :, : len(s.needs)] = drive_factors(s)
+    below, above = np.repeat(factors, [s.slots for s in species], axis=0).transpose(1, 0, 2)
+    return Form(below, above, np.repeat([float(s.drive_power) for s in species], [s.slots for s in species]))
+
+
+def bent(species: Species) -> bool:
+    """Return whether the drive of a species has weights, an asymmetry or a power of its own."""
+    return species.drive_power != 2 or any((need.weight, need.excess) != (1, 1) for need in species.needs)
+
+
+def drive_factors(species: Species) -> tuple[Floats, Floats]:
+    """Return c = w^(1/n) of every need below its set point and above it, both (V,)."""
+    weight = np.array([need.weight for need in species.needs], float)
+    excess = np.array([need.excess for need in species.needs], float)
+    return _positive_power(weight, 1 / species.drive_power), _positive_power(weight * excess, 1 / species.drive_power)
+
+
+def _positive_power(x: Floats, power: Floats | float) -> Floats:
+    """Return x^power of x >= 0 for a power above 0, the same on every processor."""
+    return np.where(x > 0, elementary.power(np.where(x > 0, x, 1.0), power), 0.0)
+
+
+def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0, form: Form | None = None) -> Floats:
+    """Return d(delta) = (epsilon + sum_i |c_i delta_i|^n) ^ (exponent / n), (...) for delta (..., V).
+
+    Without a `form` it is the paper's, all c = 1 and n = 2.
+    """
+    if form is not None:
+        size = np.abs(delta) * np.where(delta > 0, form.above, form.below)
+        power = np.asarray(form.power, float)
+        total = epsilon + _positive_power(size, power[..., None]).sum(axis=-1)
+        return elementary.power(total, np.asarray(exponent / power))
     root = np.sqrt(epsilon + np.einsum("...v,...v->...", delta, delta))
     if isinstance(exponent, float) and exponent == 1.0:
         return root
     return root if np.all(exponent == 1.0) else elementary.power(root, exponent)
 
 
-def deviation(body: Body, internal: Floats) -> Floats:
-    """Return delta = x - x* of the regulated needs, 0 for the others, (n, V)."""
-    return (internal - body.set_point) * body.regulated
+def set_points(body: Body, state: State) -> Floats:
+    """Return x* as it is now, (n, V)."""
+    return body.set_point if state.set_point is None else state.set_point
+
+
+def deviation(body: Body, internal: Floats, set_point: Floats | None = None) -> Floats:
+    """Return delta = x - x* of the regulated needs, 0 for the others, (n, V); x* is the scenario's if not given."""
+    return (internal - (body.set_point if set_point is None else set_point)) * body.regulated
 
 
 def velocity(body: Body, internal: Floats, control: Floats, time: float, age: Floats) -> Floats:
@@ -118,6 +179,22 @@ def velocity(body: Body, internal: Floats, control: Floats, time: float, age: Fl
 def noise(body: Body, dt: float, rng: np.random.Generator) -> Floats:
     """Return g dS over dt, (n, V): a Wiener increment per need."""
     return body.noise * (np.sqrt(dt) * rng.standard_normal(body.noise.shape))
+
+
+def drive_of(species: Species, delta: Floats) -> Floats:
+    """Return d of one body of a species at delta (..., V) of its regulated needs, 0 of others, (...)."""
+    form = None if not bent(species) else Form(*drive_factors(species), np.array(float(species.drive_power)))
+    return drive(delta, species.drive_epsilon, float(species.drive_exponent), form)
+
+
+def body_now(model: Model, state: State) -> Body:
+    """Return the constants of all bodies as their traits and their age have them."""
+    body, stages = model.body, model.stages
+    if model.heredity is not None:
+        body = heredity.embody(model.heredity, body, state)
+    if stages is None:
+        return body
+    return replace(body, decay=body.decay * stages.of(stages.metabolism, state.age)[:, None])
 
 
 def advance(

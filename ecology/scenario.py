@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ecology import typed
+from ecology import heredity, typed, verbs
 from ecology.errors import EcologyError, nearest
 from ecology.ground.outline import polygon_of
 from ecology.meetings import Rule
@@ -18,7 +18,9 @@ from ecology.senses import SENSES, layout
 from ecology.spec import (
     Action,
     Arena,
+    Cue,
     Drift,
+    Event,
     Field,
     Gauge,
     Hearing,
@@ -26,6 +28,7 @@ from ecology.spec import (
     Relocation,
     Remains,
     Resource,
+    Session,
     Species,
     Trace,
     require,
@@ -48,6 +51,9 @@ class Scenario:
     dt: float = 1.0  # length of a tick, in units of time
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
+    cues: tuple[Cue, ...] = ()  # lights and tones
+    schedule: tuple[Event, ...] = ()  # what happens at set times, in this order where at the same
+    sessions: tuple[Session, ...] = ()  # trials one after the other, from time 0 on
     rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
     memory: Mapping[str, object] = field(default_factory=dict)  # the rule's own state at the start: numbers or arrays
     measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
@@ -70,6 +76,8 @@ class Scenario:
             ("species", [species.name for species in self.species]),
             ("resource", [resource.name for resource in self.resources]),
             ("field", [each.name for each in self.fields]),
+            ("cue", [cue.name for cue in self.cues]),
+            ("session", [session.name for session in self.sessions]),
         ):
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, f"{owner}: every {what} needs a name of its own, {twice} appear twice.")
@@ -86,6 +94,13 @@ class Scenario:
             self._check_others(species)
         for species in self.species:
             self._check_species(species)
+        for event in self.events:
+            verbs.check(self, event.do)
+
+    @property
+    def events(self) -> list[Event]:
+        """Return all events, those of sessions last."""
+        return [*self.schedule, *(event for session in self.sessions for event in session.events)]
 
     def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[type[Scenario], bytes]]:
         """Pickle the functions of a scenario file by value: no other process has loaded that file.
@@ -141,16 +156,17 @@ class Scenario:
                 "room in it; give a smaller radius.",
             )
         for species in self.species:
-            room = polygon if self.arena.torus else polygon.buffer(-species.radius)
+            widest = species.radius * max([stage.size for stage in species.stages], default=1.0)
+            room = polygon if self.arena.torus else polygon.buffer(-widest)
             require(
                 not room.is_empty,
-                f"species {species.name!r}: a body of radius {species.radius!r} finds no room in the arena.",
+                f"species {species.name!r}: a body of radius {widest!r} finds no room in the arena.",
             )
             if species.position is not None:
                 require(
                     room.covers(shapely.Point(species.position)),
                     f"species {species.name!r}: its position {species.position!r} lies outside the arena "
-                    f"or nearer than its radius {species.radius!r} to a wall.",
+                    f"or nearer than its radius {widest!r} to a wall.",
                 )
         for resource in self.resources:
             if isinstance(resource.motion, Drift):  # sooner or later it comes into reach
@@ -189,11 +205,15 @@ class Scenario:
         owner = f"species {species.name!r}"
         resources = [resource.name for resource in self.resources]
         unlimited = [resource.name for resource in self.resources if math.isinf(resource.stock)]
+        faster = max([stage.speed for stage in species.stages], default=1.0)
+        faster *= max([trait.bounds[1] for trait in species.traits if trait.of == "speed"], default=1.0)
+        least = species.radius * min([stage.size for stage in species.stages], default=1.0)
         for action in species.actions:
+            fastest = action.speed * faster
             require(
-                action.speed * self.dt <= FARTHEST * species.radius,
-                f"{owner}: {action.name!r} at speed {action.speed!r} moves {action.speed * self.dt:g} in a tick of "
-                f"{self.dt!r}, and a tick moves a body by at most {FARTHEST} radii ({FARTHEST * species.radius:g}); "
+                fastest * self.dt <= FARTHEST * least,
+                f"{owner}: {action.name!r} at speed {fastest!r} moves {fastest * self.dt:g} in a tick of "
+                f"{self.dt!r}, and a tick moves a body by at most {FARTHEST} radii ({FARTHEST * least:g}); "
                 "lower the speed or dt, or widen the body.",
             )
             require(
@@ -227,9 +247,15 @@ class Scenario:
             SENSES[sense].check(owner, self.day)
         for name in species.sees:
             require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
+        for name in species.cues:
+            cues = [cue.name for cue in self.cues]
+            require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
+        heredity.check(species)
         for need in species.needs:
+            leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
             fastest = (
-                need.leak - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
+                max([need.leak, *leaks])
+                - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
             )
             require(
                 fastest * self.dt <= 1,
@@ -364,6 +390,11 @@ class Scenario:
     @staticmethod
     def _feeds(species: Species, action: Action) -> bool:
         return any(action.control.get(need.name, 0.0) > 0 and need.low < need.set_point for need in species.needs)
+
+
+def puts(scenario: Scenario) -> bool:
+    """Return whether the schedule of a scenario lets agents live that were not born."""
+    return any(verbs.split(event.do)[0] == "put" for event in scenario.events)
 
 
 def _restored(cls: type[Scenario], values: dict[str, Any]) -> Scenario:

@@ -1,4 +1,4 @@
-"""The frozen words of a scenario: Need, Action, Species (Birth, Hazard, Neighbours, Empathy), Resource, Arena.
+"""The frozen words of a scenario: Need, Action, Species (Birth, Hazard, Neighbours, Empathy), Resource, Arena, Event.
 
 Everything a user writes is per unit of time (rates, speeds) and in units of the plane (lengths).
 Each word checks itself; `scenario.Scenario` checks that the words fit together.
@@ -13,11 +13,12 @@ from dataclasses import field as _field  # where a field of a word is called so
 from typing import Literal
 
 from ecology import typed
-from ecology.errors import EcologyError
+from ecology.errors import EcologyError, nearest
 
 Kind = Literal["rest", "move", "turn", "sleep", "consume", "go_to", "bite", "give", "take", "drop", "act"]
 Commitment = Literal["free", "committed"]
 Cause = Literal["need", "eaten", "hazard", "rule", "bitten"]
+BODILY = ("set_point", "decay", "leak", "ageing", "noise")  # numbers of a need that can be inherited
 
 
 def require(rule: bool, message: str) -> None:
@@ -61,6 +62,34 @@ class Season:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Adaptation:
+    """How the set point of a need moves by itself, within the need's `set_range`.
+
+    x* = x*_0 + swing sin(2 pi t / period + phase) + offset. What is eaten, or received from others, moves the offset by
+    `gain` per unit; it goes back to 0 by `recovery` per unit of time, and by the share `relaxation`.
+    """
+
+    gain: float = 0.0  # change of the set point per unit taken in
+    recovery: float = 0.0  # towards x*_0, units per unit of time
+    relaxation: float = 0.0  # towards x*_0, share of the offset per unit of time
+    swing: float = 0.0  # of the clock, units
+    period: float = 1.0  # of the clock, units of time
+    phase: float = 0.0  # of the clock, radians
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        numbers = {name: getattr(self, name) for name in ("gain", "recovery", "relaxation", "swing", "period", "phase")}
+        _finite("Adaptation", **numbers)
+        for name in ("recovery", "relaxation", "swing"):
+            require(numbers[name] >= 0, f"Adaptation: {name} must not be negative, got {numbers[name]!r}.")
+        require(self.period >= 1e-9, f"Adaptation: period must be positive, at least 1e-9, got {self.period!r}.")
+        require(
+            self.gain != 0 or self.swing > 0,
+            "Adaptation: nothing moves the set point, gain and swing are 0; give one, or leave the adaptation out.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Need:
     """One variable x of the internal state and the way it moves by itself (paper, eq. of d zeta).
 
@@ -82,6 +111,10 @@ class Need:
     floor: float = -math.inf  # x is raised to it; unlike the bounds it may lie above the set point
     lethal: bool = False  # leaving the bounds kills instead of being clamped
     regulated: bool = True  # whether the deviation counts in the drive
+    set_range: tuple[float, float] | None = None  # within which the set point may move; None: it stays
+    adaptation: Adaptation | None = None  # how the set point moves by itself; it needs a set_range
+    weight: float = 1.0  # w of the drive: how much the deviation counts
+    excess: float = 1.0  # factor of w above the set point
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -116,6 +149,32 @@ class Need:
             f"{owner}: the floor {self.floor!r} must not lie above the start {self.x0!r}, and a lethal need "
             "has none: its bounds are where it dies.",
         )
+        self._check_range(owner)
+
+    def _check_range(self, owner: str) -> None:
+        _finite(owner, weight=self.weight, excess=self.excess)
+        require(self.weight > 0, f"{owner}: weight must be positive, got {self.weight!r}; regulated=False is for none.")
+        require(self.excess >= 0, f"{owner}: excess must not be negative, got {self.excess!r}.")
+        if self.set_range is None:
+            require(
+                self.adaptation is None,
+                f"{owner}: a set point that moves needs a set_range, within which it stays; got None.",
+            )
+            return
+        require(len(self.set_range) == 2, f"{owner}: set_range is (lowest, highest), got {self.set_range!r}.")
+        _finite(owner, **{"set_range[0]": self.set_range[0], "set_range[1]": self.set_range[1]})
+        lowest, highest = self.set_range
+        require(
+            self.bounds[0] <= lowest <= self.set_point <= highest <= self.bounds[1] and lowest < highest,
+            f"{owner}: set_range must be (lowest, highest) within the bounds {self.bounds!r} and include the set point "
+            f"{self.set_point!r}, got {self.set_range!r}.",
+        )
+        swing = 0.0 if self.adaptation is None else self.adaptation.swing
+        require(
+            lowest <= self.set_point - swing and self.set_point + swing <= highest,
+            f"{owner}: a swing of {swing!r} around the set point {self.set_point!r} leaves the set_range "
+            f"{self.set_range!r}; widen it, or swing less.",
+        )
 
     @property
     def x0(self) -> float:
@@ -126,6 +185,17 @@ class Need:
     def low(self) -> float:
         """Return the lowest value: the lower bound, or the floor where that lies higher."""
         return max(self.bounds[0], self.floor)
+
+    @property
+    def set_points(self) -> tuple[float, float]:
+        """Return the lowest and the highest set point that it can have."""
+        return (self.set_point, self.set_point) if self.set_range is None else self.set_range
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Return the lowest and the highest deviation x - x*, wherever the set point is."""
+        lowest, highest = self.set_points
+        return self.low - highest, self.bounds[1] - lowest
 
     @property
     def scale(self) -> float:
@@ -804,6 +874,8 @@ class Birth:
     threshold: Mapping[str, float] = field(default_factory=dict)  # need -> least x
     cost: Mapping[str, float] = field(default_factory=dict)  # need -> units that the parent gives
     maturity: float = 0.0  # age from which one is fit, time
+    parents: int = 1  # with 2, it takes a mate that is fit too: the nearest one; only the one that bears pays
+    mates_within: float = math.inf  # farthest distance of a mate, length
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -811,6 +883,11 @@ class Birth:
         _finite("Birth", **self.threshold)  # apart: a need may have the name of a field
         require(self.rate >= 0, f"Birth: rate must not be negative, got {self.rate!r}; leave birth out for none.")
         require(self.maturity >= 0, f"Birth: maturity must not be negative, got {self.maturity!r}.")
+        require(self.parents in (1, 2), f"Birth: parents are 1 or 2, got {self.parents!r}.")
+        require(
+            self.mates_within > 0 and (self.parents == 2 or self.mates_within == math.inf),
+            f"Birth: mates_within is a positive distance, of two parents, got {self.mates_within!r}.",
+        )
         _amounts("Birth", "cost", self.cost)
 
 
@@ -934,6 +1011,134 @@ class Empathy:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Trait:
+    """A number of a species that every body has of its own, from its parents.
+
+    `of` says which: "NEED.set_point", "NEED.decay", "NEED.leak", "NEED.ageing", "NEED.noise", "speed" (a factor of the
+    speed of all actions), "empathy.weight" (of the sum form), or "none" for a marker without any effect. A child has it
+    from its parent, from either of two by a coin, with a normal mutation, kept within the bounds.
+    """
+
+    name: str
+    of: str
+    bounds: tuple[float, float]
+    mutation: float = 0.0  # standard deviation of the change at a birth
+    start: float | None = None  # mean of founders and newcomers; the scenario's number when None
+    spread: float = 0.0  # standard deviation among founders and newcomers
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"trait {self.name!r}"
+        _words(owner, self.name)
+        require(len(self.bounds) == 2, f"{owner}: bounds are (lowest, highest), got {self.bounds!r}.")
+        _finite(owner, mutation=self.mutation, spread=self.spread, lowest=self.bounds[0], highest=self.bounds[1])
+        require(self.bounds[0] < self.bounds[1], f"{owner}: bounds must rise, got {self.bounds!r}.")
+        for name in ("mutation", "spread"):
+            require(getattr(self, name) >= 0, f"{owner}: {name} must not be negative, got {getattr(self, name)!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A stage of life, from an age to the next one."""
+
+    name: str
+    age: float = 0.0  # at which it begins, time
+    speed: float = 1.0  # factor of the speed of every action
+    size: float = 1.0  # factor of the radius
+    metabolism: float = 1.0  # factor of the decay of every need
+    cannot: tuple[str, ...] = ()  # actions that are closed: other food, no hunting yet
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"stage {self.name!r}"
+        _words(owner, self.name)
+        numbers = {name: getattr(self, name) for name in ("age", "speed", "size", "metabolism")}
+        _finite(owner, **numbers)
+        for name, value in numbers.items():
+            least = name == "size"
+            require(
+                value > 0 if least else value >= 0,
+                f"{owner}: {name} must {'be positive' if least else 'not be negative'}, got {value!r}.",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cue:
+    """A light, a tone: a number that everybody of a species with it among its `cues` senses, wherever it is.
+
+    Only interventions change it: `show NAME VALUE`, mostly in the schedule.
+    """
+
+    name: str
+    start: float = 0.0  # shown at the start, from 0 to 1
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        _words(f"cue {self.name!r}", self.name)
+        require(0 <= self.start <= 1, f"cue {self.name!r}: start must lie from 0 to 1, got {self.start!r}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """An intervention that the scenario itself makes, `at` a time, and `every` so often from then on.
+
+    `do` is one line, such as "empty food", "move food 1 2", "set prey energy 1" or "show light on": see the guide on
+    interventions. It is done between two ticks, after the tick that ends nearest to its time.
+    """
+
+    do: str
+    at: float = 0.0  # time; in a session, since its trial began
+    every: float | None = None  # time between two of them; None: it happens once
+    until: float = math.inf  # time of the last one; in a session, since its trial began
+    felt: bool = True  # whether agents experience what it does, in reward and learning, as any other change
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"event {self.do!r}"
+        _finite(owner, at=self.at)
+        require(self.at >= 0, f"{owner}: at must not be negative, got {self.at!r}.")
+        if self.every is not None:
+            _finite(owner, every=self.every)
+            require(self.every > 0, f"{owner}: every must be positive, got {self.every!r}; leave it out for once.")
+        require(
+            self.until >= self.at and (self.every is not None or self.until == math.inf),
+            f"{owner}: until is the time of the last of several, not before at = {self.at!r}, got {self.until!r} with "
+            f"every = {self.every!r}.",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """A number of trials, one after the other: in each, the same events happen at the same times since it began.
+
+    Sessions follow each other in the order of the scenario, the first from time 0 on. The beginning of a trial is an
+    event too. After the last session nothing more happens.
+    """
+
+    name: str
+    length: float  # of a trial, time
+    trials: int = 1
+    events: tuple[Event, ...] = ()
+    gap: float = 0.0  # after every trial, time; its mean where it is random
+    random: bool = False  # whether the gap is drawn: exponentially distributed
+
+    def __post_init__(self) -> None:
+        typed.check(self)
+        owner = f"session {self.name!r}"
+        _words(owner, self.name)
+        _finite(owner, length=self.length, gap=self.gap)
+        require(self.length > 0, f"{owner}: the length of a trial must be positive, got {self.length!r}.")
+        require(self.trials >= 1, f"{owner}: trials must be a whole number of at least 1, got {self.trials!r}.")
+        require(self.gap >= 0, f"{owner}: gap must not be negative, got {self.gap!r}.")
+        require(self.gap > 0 or not self.random, f"{owner}: a random gap needs its mean, got {self.gap!r}.")
+        for event in self.events:
+            require(
+                event.at < self.length,
+                f"{owner}: the event {event.do!r} at {event.at!r} lies after the end of a trial of {self.length!r}.",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Species:
     """A kind of agent: its needs, its actions, its body, its senses and who learns in it."""
 
@@ -953,6 +1158,7 @@ class Species:
     view_range: float = math.inf  # of the view field, length
     senses: tuple[str | Gauge | Rays | Hearing | Trace, ...] = ("position", "heading")  # e, in zeta after deviations
     sees: tuple[str, ...] = ()  # resources: distance, bearing and fullness of the nearest patch that is seen
+    cues: tuple[str, ...] = ()  # cues of the scenario that it senses
     neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
     faults: tuple[Fault, ...] = ()  # of the senses
     opens: tuple[str, ...] = ()  # needs whose deviations others can sense
@@ -963,8 +1169,11 @@ class Species:
     heading: float | None = None  # at birth, radians; any when None
     collapse: Mapping[str, float] = field(default_factory=dict)  # at these thresholds sleep is the only action left
     commitment: Commitment = "free"  # whether a go_to may be left before it arrives
-    drive_epsilon: float = 0.001  # of the drive (epsilon + delta . delta) ^ (exponent / 2)
-    drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic
+    traits: tuple[Trait, ...] = ()  # numbers that children have from their parents
+    stages: tuple[Stage, ...] = ()  # of life, the first from the age 0 on; none: all ages are alike
+    drive_epsilon: float = 0.001  # of the drive (epsilon + sum_i w_i |delta_i|^n) ^ (exponent / n)
+    drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic; n / m of Keramati and Gutkin's root m
+    drive_power: float = 2.0  # n; 2: the paper's
     learner: str = "hjb"
     learner_settings: Mapping[str, object] = field(default_factory=dict)
 
@@ -1006,6 +1215,11 @@ class Species:
         require(self.view_range > 0, f"{owner}: view_range must be positive, got {self.view_range!r}.")
         require(self.drive_epsilon > 0, f"{owner}: drive_epsilon must be positive, got {self.drive_epsilon!r}.")
         require(self.drive_exponent > 0, f"{owner}: drive_exponent must be positive, got {self.drive_exponent!r}.")
+        require(
+            isinstance(self.drive_power, (int, float)) and 1 <= self.drive_power <= 16,
+            f"{owner}: drive_power must be a number from 1 to 16, got {self.drive_power!r}.",
+        )
+        self._check_stages(owner)
         for what, names in (
             ("need", [need.name for need in self.needs]),
             ("action", [action.name for action in self.actions]),
@@ -1021,6 +1235,22 @@ class Species:
                 any(action.kind == "sleep" for action in self.actions),
                 f"{owner}: collapse leaves only sleep, but no action of kind 'sleep' is given.",
             )
+
+    def _check_stages(self, owner: str) -> None:
+        ages, names = [stage.age for stage in self.stages], [stage.name for stage in self.stages]
+        require(
+            not ages or (ages[0] == 0 and ages == sorted(set(ages))),
+            f"{owner}: stages follow each other by age, the first from 0 on, got {ages!r}.",
+        )
+        require(len(set(names)) == len(names), f"{owner}: every stage needs a name of its own, got {names!r}.")
+        able = [action.name for action in self.actions if action.kind != "rest"]
+        for stage in self.stages:
+            for name in stage.cannot:
+                require(
+                    name in able,
+                    f"{owner}: the stage {stage.name!r} cannot {name!r}, which is no action but rest. "
+                    f"{nearest(name, able)}",
+                )
 
     @property
     def slots(self) -> int:

@@ -73,6 +73,11 @@ class State:
     grid: Floats | None = None  # (M,) the fields that change, a value per cell, one field after the other
     doors: Bools | None = None  # (D,) open
     sight: Floats | None = None  # (N,) share of its view range that the rule lets it see
+    set_point: Floats | None = None  # (N, V) x*, where it moves
+    trait: Floats | None = None  # (N, T) what is inherited, by the columns of the slot's own species
+    partner: Ints | None = None  # (N,) slot of the mate of an agent that bore in this tick, -1 without
+    second: Ints | None = None  # (N,) serial of the second parent, -1 without
+    cue: Floats | None = None  # (C,) what is shown of every cue, from 0 to 1
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the array fields by name; those that this world does not use are left out."""

@@ -18,6 +18,7 @@ from ecology import (
     empathy,
     fields,
     hauling,
+    heredity,
     life,
     meetings,
     neighbours,
@@ -25,15 +26,19 @@ from ecology import (
     powers,
     resources,
     senses,
+    setpoints,
     sight,
+    stages,
 )
 from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
-from ecology.model import Model
+from ecology.model import Model, compile_model
+from ecology.paths import changed
 from ecology.physics import Physics, velocities
 from ecology.senses import Perception, faults
 from ecology.spec import require
 from ecology.state import Bools, Floats, Ints, State
+from ecology.verbs import MissingError
 
 # one random stream each; new ones come last
 CONCERNS = ("birth", "noise", "availability", "motion", "meeting", "offspring", "hazard", "rule", "lesion")
@@ -64,7 +69,9 @@ class ArrayWorld:
 
     def __init__(self, model: Model) -> None:
         """Build a world of `model`; it starts with `reset`."""
-        self.model = model
+        self.model = self._first = model
+        self.changes: dict[str, float] = {}  # numbers of the scenario that were changed since, by path
+        self.resting: Bools | None = None  # (N,) slots that nobody takes, though free
         self.seed: int | None = None  # of the last reset
         self.turnover = 0  # changes of who lives, so far
         self.reweighed: dict[str, float] = {}  # species -> factor of what it feels of others, 1 where not named
@@ -86,9 +93,12 @@ class ArrayWorld:
 
     def reset(self, seed: int) -> Tick:
         """Start from `seed` and return the first observations."""
+        if self.changes:
+            self.model, self.changes = self._first, {}
         self.model = model = doors.fit(self.model)
         self.seed, self.reweighed = seed, {}
-        concerns = (*CONCERNS, "senses") if any(gaze.faults for gaze in model.gazes) else CONCERNS
+        concerns = (*CONCERNS, heredity.STREAM) if model.heredity is not None else CONCERNS
+        concerns = (*concerns, "senses") if any(gaze.faults for gaze in model.gazes) else concerns
         streams = np.random.SeedSequence(seed).spawn(len(concerns))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(concerns, streams, strict=True)}
         self._state = state = _first_state(model, self._rng)
@@ -123,7 +133,13 @@ class ArrayWorld:
             fields.expose(model, state, deeds.control)
         # physiology: bodies drift, act and are disturbed
         internal = physiology.advance(
-            model.body, state.internal, deeds.control, state.time, state.age, model.dt, rng["noise"]
+            physiology.body_now(model, state),
+            state.internal,
+            deeds.control,
+            state.time,
+            state.age,
+            model.dt,
+            rng["noise"],
         )
         internal += met.received - met.given
         # deaths and births; a slot rests for a tick before a newborn takes it
@@ -131,6 +147,8 @@ class ArrayWorld:
         free = ~state.alive
         physiology.commit(model, state, internal, ingested + met.received - met.given, died)
         born, parent = life.reproduce(model, state, free, met, rng["offspring"])
+        if model.heredity is not None:
+            heredity.inherit(model, state, born, parent, rng[heredity.STREAM])
         # resources: stocks regrow, come and go, move
         resources.renew(model, state, eaten, rng)
         if model.appearing is not None or met.outcome is not None:
@@ -140,6 +158,10 @@ class ArrayWorld:
         # time
         state.tick += 1
         state.time = state.tick * model.dt
+        if model.moving is not None:
+            setpoints.move(model, state, heredity.base(model, state), ingested + met.received, before.time)
+        if model.stages is not None and model.stages.grow:
+            self._physics.resize(stages.radii(model, state), state.position, state.alive)
         if doors.turn(model, state, met.outcome):
             self._fit(state)
         # senses and observation
@@ -213,7 +235,11 @@ class ArrayWorld:
     def _touch(self, state: State) -> None:
         """Build the solver for the bodies where they are."""
         model = self.model
-        self._physics = Physics(model.ground, model.radius, model.solid, state.position, state.alive)
+        radius, least = stages.radii(model, state), None
+        if radius is not model.radius:
+            assert model.stages is not None
+            least = float((model.radius[:, None] * model.stages.size).min())
+        self._physics = Physics(model.ground, radius, model.solid, state.position, state.alive, least)
 
     # ---- what observers may ask ------------------------------------------------------------
 
@@ -267,12 +293,13 @@ class ArrayWorld:
         """Let one more agent live between ticks, see `Ecology.settle`."""
         model, state = self.model, self.state.next()
         rows = model.group(species).slots
-        free = rows.start + np.flatnonzero(~state.alive[rows])
-        require(
-            free.size > 0,
-            f"all {model.groups[species].size} slots of {species!r} are taken; remove an agent, or raise the capacity "
-            "of the species in the scenario.",
-        )
+        empty = ~state.alive[rows] if self.resting is None else ~(state.alive | self.resting)[rows]
+        free = rows.start + np.flatnonzero(empty)
+        if not free.size:
+            raise MissingError(
+                f"all {model.groups[species].size} slots of {species!r} are taken; remove an agent, or raise the "
+                "capacity of the species in the scenario."
+            )
         require(
             bool(changes.inside(model.scenario, np.array([place], float))[0]),
             f"the place {place!r} lies outside the arena.",
@@ -280,6 +307,8 @@ class ArrayWorld:
         new, serial, following = free[:1], state.serial[free[:1]].copy(), state.next_serial
         state.own("lost", "internal", "hold")
         life.start_lives(model, state, new, model.plane.home(np.array([place], float)), np.array([heading]))
+        if model.heredity is not None:
+            heredity.settle(model, state, new, heredity.arrive(model.heredity, self._rng[heredity.STREAM])[new])
         if not model.grows:
             state.serial[new], state.next_serial = serial, following
         self._touch(state)
@@ -302,6 +331,26 @@ class ArrayWorld:
         self.reweighed = {**self.reweighed, species: float(factor)}
         return self._resume(self.state.next())
 
+    def change(self, path: str, value: float) -> Tick:
+        """Change a number of the scenario between ticks, see `Ecology.change`."""
+        state = self.state.next()
+        self.model = doors.fit(self._changed(self.model, path, value), state.doors)
+        self.changes = {**self.changes, path: float(value)}
+        self._touch(state)
+        return self._resume(state)
+
+    @staticmethod
+    def _changed(model: Model, path: str, value: float) -> Model:
+        """Return the model of the scenario with the number at `path` changed."""
+        found = compile_model(changed(model.scenario, path, value))
+        differ = model.like(found)
+        require(
+            not differ,
+            f"{path!r} cannot be changed between ticks, {differ} would be another; set it in the scenario, or change "
+            "another number.",
+        )
+        return found
+
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the world has become, see `Ecology.snapshot`."""
         state = self.state
@@ -310,12 +359,15 @@ class ArrayWorld:
         arrays |= self._physics.memory()
         streams = {name: rng.bit_generator.state for name, rng in self._rng.items()}
         more = {"reweighed": dict(self.reweighed)} if self.reweighed else {}
+        more |= {"changes": dict(self.changes)} if self.changes else {}
         return arrays, {"seed": self.seed, "state": plain, "rng": streams, **more}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> Tick:
         """Become the world that `snapshot` returned, see `Ecology.restore`."""
-        fresh = ArrayWorld(self.model)
+        fresh = ArrayWorld(self._first)
         fresh.reset(values["seed"])
+        for path, value in values.get("changes", {}).items():
+            fresh.change(path, value)
         state = fresh.state.next()
         memory = fresh._physics.memory()  # of as many ticks as there were
         own = state.arrays() | {name: array[:0] for name, array in memory.items()}
@@ -339,20 +391,24 @@ class ArrayWorld:
         )
         for name, value in values["state"].items():
             setattr(state, name, value)
-        changes.check_snapshot(state, {name: arrays[name] for name in memory}, self.model)
+        changes.check_snapshot(state, {name: arrays[name] for name in memory}, fresh.model)
         for name, stream in values["rng"].items():
             fresh._rng[name].bit_generator.state = stream
         if state.doors is not None:
             fresh._fit(state)
-            self.model = fresh.model
+        elif fresh.model.stages is not None:
+            fresh._touch(state)
         fresh._physics.remember(arrays, self.model.dt)
         self.reweighed = dict(values.get("reweighed", {}))
+        self.model, self.changes = fresh.model, fresh.changes
         self.seed, self._rng, self.lesion_order, self._physics = (
             fresh.seed,
             fresh._rng,
             fresh.lesion_order,
             fresh._physics,
         )
+        if not len(arrays["told_position"]):  # the solver was built for the bodies where they are
+            self._touch(state)
         return self._resume(state)
 
     def _resume(self, state: State) -> Tick:
@@ -393,7 +449,8 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         alive[rows], serial[rows] = True, serials
         position[rows], heading[rows] = life.place(model.ground, s, s.count, rng["birth"])
     nothing = np.zeros_like(model.body.start)
-    return State(
+    trait = None if model.heredity is None else heredity.arrive(model.heredity, rng[heredity.STREAM])
+    state = State(
         tick=0,
         time=0.0,
         next_serial=int(np.count_nonzero(alive)),
@@ -434,4 +491,12 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
         load=None if model.hauling is None else np.zeros_like(model.hauling.most),
         grid=fields.first_grid(model.fields),
         doors=doors.first_doors(model.scenario.arena),
+        set_point=model.body.set_point.copy() if model.body.moves else None,
+        trait=trait,
+        partner=model.nobody.copy() if model.mates else None,
+        second=model.nobody.copy() if model.mates else None,
+        cue=np.array([cue.start for cue in model.scenario.cues], float) if model.scenario.cues else None,
     )
+    if state.set_point is not None:
+        state.set_point = setpoints.at_birth(model, heredity.base(model, state), 0.0)
+    return state

@@ -142,19 +142,6 @@ def test_where_nothing_can_be_written_the_error_says_what_to_set(monkeypatch: py
         compiler_cache._temporary_folder()
 
 
-def test_a_source_is_as_new_as_what_it_inlines(tmp_path: Path) -> None:
-    """Numba looks at the time of a source alone, so a change of an inlined one makes it newer; else it stays."""
-    source, inlined = tmp_path / "kernels.py", tmp_path / "elementary.py"
-    for path, time in ((source, 2_000), (inlined, 1_000)):
-        path.write_text("")
-        os.utime(path, (time, time))
-    compiler_cache.use_cache(str(source), str(inlined))
-    assert source.stat().st_mtime == 2_000
-    os.utime(inlined, (3_000, 3_000))
-    compiler_cache.use_cache(str(source), str(inlined))
-    assert source.stat().st_mtime == 3_000
-
-
 def files_inlined(function: Dispatcher) -> set[str]:
     """Return the files of all functions that Numba compiles into `function`, directly or through others."""
     words = function.py_func.__globals__

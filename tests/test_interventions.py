@@ -14,13 +14,14 @@ from worlds import kind, square, start
 
 import ecology
 from ecology import EcologyError, Growth, Need, Oscillation, Resource, consume, move
-from ecology.interventions import USAGES, VERBS, intervene, split
+from ecology.interventions import VERBS, intervene
 from ecology.lab.runs import interventions as logs
 from ecology.lab.runs import run as runs
 from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import resolve
 from ecology.observers import mailbox
 from ecology.state import CAUSES
+from ecology.verbs import USAGES, split
 
 
 def meadow(**words):
@@ -231,7 +232,7 @@ def plan(world, **words):
 def end_of(run):
     """Return all that a run has become, but for its times."""
     parts = run.parts()
-    return {part: arrays for part, (arrays, _) in parts.items()}, run.schedule.entries, run.frozen
+    return {part: arrays for part, (arrays, _) in parts.items()}, run.schedule.entries, parts["run"][1].get("frozen")
 
 
 def same(first, second):

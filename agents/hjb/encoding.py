@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ecology import Group, elementary
-from ecology.agents.base import drive_terms
+from ecology.agents.base import drive_bend, drive_terms
 from ecology.agents.hjb.devices.records import Encoding
 from ecology.agents.hjb.settings import HJBSettings
 from ecology.agents.movements import Movements
@@ -32,6 +32,11 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
     can = needs & layout.regulated & (layout.low < 0)  # needs that can be deprived
     deprived = layout.scale[can] if can.any() else layout.scale[needs]
     worst = float(np.sqrt(np.sum(deprived**2))) ** exponent  # drive of total deprivation
+    above, power = drive_bend(layout)
+    bent = bool(power != 2 or (above != 1).any())
+    if bent or (layout.below != 1).any():
+        lacking = (deprived * layout.below[can if can.any() else needs]) ** power
+        worst = float(np.sum(lacking)) ** (exponent / power)
     unit = np.where(needs | (kinds == "felt"), CHANGE * layout.scale, LENGTH * layout.scale)
     unit = np.append(np.where(angles, 1.0, unit), s.stride if s.adaptive_steps else group.dt)
     placed, centre = kinds == "position", np.zeros(len(kinds))
@@ -56,6 +61,10 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
         felt=felt,
         epsilon=f4(layout.epsilon),
         exponent=f4(exponent),
+        root=f4(exponent / power),
+        power=f4(power),
+        above=above,
+        bent=bent,
         sharp=f4(s.place_width**-2),
         log_gamma=f4(elementary.logarithm(s.gamma)),
         dt=f4(group.dt),

@@ -16,7 +16,7 @@ from ecology.ground import plane_of
 from ecology.model import Group
 from ecology.observers.wishes import AGENTS, Click
 from ecology.scenario import Scenario
-from ecology.spec import require
+from ecology.spec import Species, require
 from ecology.state import CAUSES, Floats, Ints, State
 from ecology.world import Tick
 
@@ -48,6 +48,7 @@ class Happening:
     other_place: Floats  # (k, 2) where the other is, across the seam of a torus; one's own place without
     what: Ints  # (k,) index of the action, or into CAUSES of a death
     need: Ints  # (k,) column of the lethal need of a death, -1 without
+    second: Ints  # (k,) serial of the second parent of a birth, -1 without
 
 
 class Census:
@@ -90,6 +91,7 @@ class Census:
                     + np.where(there[:, None], self._plane.gap(state.position[slot], state.position[with_]), 0.0),
                     what=np.zeros(len(slot), np.int64) if what is None else what[slot],
                     need=state.fatal_need[slot],
+                    second=np.full(len(slot), -1) if state.second is None else state.second[slot],
                 )
             )
 
@@ -127,10 +129,11 @@ def words(scenario: Scenario, groups: Sequence[Group], event: Happening, i: int)
     group = next(g for g in groups if g.slots.start <= slot < g.slots.stop)
     who = name(slot, int(event.serial[i]))
     other = name(int(event.other[i]), int(event.other_serial[i])) if event.other[i] >= 0 else ""
+    mate = f" and {group.name}_{int(event.second[i])}" if event.second[i] >= 0 else ""
     action = scenario.species[group.index].actions[int(event.what[i])] if event.kind in ("ate", "slept") else None
     need = scenario.species[group.index].needs[int(event.need[i])].name
     return {
-        "born": f"{who} born, child of {other}" if other else f"{who} arrived",
+        "born": f"{who} born, child of {other}{mate}" if other else f"{who} arrived",
         "died": f"{who} {DEATHS[CAUSES[int(event.what[i])]].format(need=need, killer=other)}"
         if event.kind == "died"
         else "",
@@ -156,6 +159,47 @@ def stocks(scenario: Scenario, state: State) -> Floats:
     ends = np.cumsum([r.count for r in scenario.resources])
     total = [state.stock[end - r.count : end].sum() for r, end in zip(scenario.resources, ends, strict=True)]
     return np.array([t for t, r in zip(total, scenario.resources, strict=True) if np.isfinite(r.stock)])
+
+
+def plotted(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of what is plotted of the world as a whole: the scenario's measures, then its cues."""
+    traits = (f"mean {trait.name} of {s.name}" for s in scenario.species for trait in s.traits)
+    return (*scenario.measures, *(cue.name for cue in scenario.cues), *traits)
+
+
+def measured(scenario: Scenario, state: State) -> Floats:
+    """Return what is plotted of the world as a whole, in the order of `plotted`."""
+    return np.array([*scenario.measured(state), *(() if state.cue is None else state.cue), *_means(scenario, state)])
+
+
+def _means(scenario: Scenario, state: State) -> list[float]:
+    """Return the mean of every trait over the living of its species, NaN of nobody."""
+    found, start = [], 0
+    for s in scenario.species:
+        rows = slice(start, start + s.slots)
+        start = rows.stop
+        found += [
+            mean(state.trait[rows, t][state.alive[rows]]) for t in range(len(s.traits)) if state.trait is not None
+        ]
+    return found
+
+
+def histograms(scenario: Scenario, state: State) -> dict[str, tuple[Floats, Floats]]:
+    """Return the distribution of every trait, "SPECIES/TRAIT", over the living: middles of its classes and numbers."""
+    found, start = {}, 0
+    for s in scenario.species:
+        rows = slice(start, start + s.slots)
+        start = rows.stop
+        for t, trait in enumerate(s.traits):
+            assert state.trait is not None
+            number, edges = np.histogram(state.trait[rows, t][state.alive[rows]], AGES, trait.bounds)
+            found[f"{s.name}/{trait.name}"] = (edges[1:] + edges[:-1]) / 2, number.astype(float)
+    return found
+
+
+def moving(species: Species) -> list[str]:
+    """Return under which name each set point of a species that moves is recorded, "" where it stays."""
+    return [f"{need.name}_set_point" if need.set_range is not None else "" for need in species.needs]
 
 
 def mean(value: Floats) -> float:
@@ -190,6 +234,7 @@ class Life:
     reward: Floats | None  # (n,)
     action: Ints  # (n,)
     place: Floats  # (n, 2)
+    set_point: Floats  # (n, needs) x*, or (needs,) where it stays
     names: Sequence[str]  # n
     field: Sequence[Floats]  # n outlines (k, 2) of the view field
     sight: Sequence[Floats]  # n times (k, 2), where lines of sight end

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from ecology.empathy import felt_species
+from ecology.physiology import drive_of
 from ecology.resources import consumers
 from ecology.scenario import Scenario
 from ecology.spec import Species
@@ -89,7 +90,7 @@ def highest_drive(scenario: Scenario) -> float:
     In the sum form of empathy, with what is then felt: of everyone, or of one where it is felt on conditions.
     """
     own = {
-        s.name: (s.drive_epsilon + sum(need.scale**2 for need in s.needs if need.regulated)) ** (s.drive_exponent / 2)
+        s.name: float(drive_of(s, -np.array([need.scale * need.regulated for need in s.needs])))
         for s in scenario.species
     }
     slots, found = {s.name: s.slots for s in scenario.species}, []

@@ -36,6 +36,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
+from ecology import physiology
 from ecology.ground.outline import polygon_of
 from ecology.observers import census, colours, maps, places, shapes
 from ecology.observers.backdrop import text
@@ -68,6 +69,8 @@ class Drawing:
             key: np.stack([s[key] for s in samples])
             for key in ("tick", "time", "place", "heading", "internal", "drive", "reward", "serial", "action")
         }
+        if "set_point" in samples[0]:
+            column["set_point"] = np.stack([s["set_point"] for s in samples])
         times = _times(column["tick"], column["time"])
         self._draw_resources(times, samples)
         self._draw_places(samples)
@@ -80,6 +83,9 @@ class Drawing:
             species, rows = self._scene.scenario.species[group.index], group.slots
             each = [group.size] * len(samples)
             numbers = {need.name: column["internal"][:, rows, k] for k, need in enumerate(species.needs)}
+            for k, word in enumerate(census.moving(species)):
+                if word:
+                    numbers[word] = column["set_point"][:, rows, k]
             extra = ("drive", "reward") if self._scene.full else ()
             numbers |= {key: column[key][:, rows] for key in (*extra, "serial", "action")}
             drive = {"class_ids": level[:, rows].reshape(-1)}
@@ -132,6 +138,9 @@ class Drawing:
             tick=column["tick"],
             time=column["time"],
             internal=column["internal"][n, slot][:, : len(species.needs)] + gap[:, None],
+            set_point=column["set_point"][n, slot][:, : len(species.needs)]
+            if "set_point" in column
+            else np.array([need.set_point for need in species.needs]),
             drive=column["drive"][n, slot] + gap,
             own=np.array([f.get("own", np.nan) for f in shown]) + gap if species.empathy is not None else None,
             mean=np.array([census.mean(row) for row in column["drive"][:, rows]]) if many else None,
@@ -149,16 +158,16 @@ class Drawing:
         """Send what is drawn of the life of a species' focus."""
         base, needs, times = self._scene.at(name), species.needs, _times(life.tick, life.time)
         x, n = life.internal, len(life.tick)
-        target = np.array([need.set_point for need in needs])
-        bounds = np.array([(need.set_point, need.low, need.bounds[1]) for need in needs])
+        target = np.broadcast_to(life.set_point, x.shape)
+        bounds = np.array([(need.low, need.bounds[1]) for need in needs])
         bounds[~np.isfinite(bounds)] = np.nan
-        beside = np.broadcast_to(bounds, (n, *bounds.shape))
+        beside = np.concatenate([target[..., None], np.broadcast_to(bounds, (n, *bounds.shape))], axis=-1)
         _scalars(self._rec, f"{base}/deviation", times, x - target)
         _scalars(self._rec, f"{base}/needs", times, np.concatenate([x[..., None], beside], axis=-1).reshape(n, -1))
         parts = [life.drive, *([] if life.own is None else [life.own, life.drive - life.own])]
         parts += [] if life.mean is None else [life.mean]
         _scalars(self._rec, f"{base}/drive", times, np.stack(parts, axis=1))
-        _scalars(self._rec, f"{base}/shares", times, drive_shares(species, x))
+        _scalars(self._rec, f"{base}/shares", times, drive_shares(species, x - target))
         if life.reward is not None:
             _scalars(self._rec, f"{base}/reward", times, life.reward[:, None])
         self._draw_action(name, species, life.tick, life.time, life.action)
@@ -431,6 +440,10 @@ class Drawing:
                 self._rec.log(
                     f"population/ages/{name}", rr.BarChart(number, abscissa=middle - wide / 2, widths=wide, color=shade)
                 )
+            for name, (middle, number) in s["traits"].items():
+                shade, wide = self._scene.colour(name.partition("/")[0]), np.full(len(middle), 0.9 * np.ptp(middle[:2]))
+                bars = rr.BarChart(number, abscissa=middle - wide / 2, widths=wide, color=shade)
+                self._rec.log(f"population/traits/{name}", bars)
             for name, weight in s["coupling"].items():
                 if weight is not None:
                     self._rec.log(f"population/coupling/{name}", rr.Tensor(weight, dim_names=("feels", "felt")))
@@ -493,15 +506,18 @@ def decision_text(choice: Choice) -> str:
     return "\n".join(rows)
 
 
-def drive_shares(species: Species, internal: np.ndarray) -> np.ndarray:
-    """Return the share of each need in the own drive at x (n, V), (n, V) in drive units; their sum is the drive.
+def drive_shares(species: Species, delta: np.ndarray) -> np.ndarray:
+    """Return the share of each need in the own drive at x - x* (n, V), (n, V) in drive units; their sum is the drive.
 
-    The share of a need is d delta_i^2 / sum_j delta_j^2: which need the drive is about. Without any deviation it is 0.
+    The share of a need is d |c_i delta_i|^n / sum_j |c_j delta_j|^n: which need the drive is about. Without any
+    deviation it is 0.
     """
     regulated = np.array([need.regulated for need in species.needs])
-    square = np.where(regulated, internal - [need.set_point for need in species.needs], 0.0) ** 2
+    delta = np.where(regulated, delta, 0.0)
+    below, above = physiology.drive_factors(species)
+    square = np.abs(delta * np.where(delta > 0, above, below)) ** species.drive_power
     total = square.sum(axis=1, keepdims=True)
-    drive = (total + species.drive_epsilon) ** (species.drive_exponent / 2)
+    drive = physiology.drive_of(species, delta)[:, None]
     return np.divide(
         drive * square, total, out=np.where(np.isfinite(total), np.zeros_like(square), np.nan), where=total > 0
     )

@@ -22,7 +22,7 @@ from rerun.chunk import RrdReader
 
 from ecology import physiology
 from ecology.env import Ecology
-from ecology.observers import maps, shapes
+from ecology.observers import census, maps, shapes
 from ecology.observers.backdrop import open_life
 from ecology.observers.census import HUNGRIEST, Life, without_functions
 from ecology.observers.drawing import Drawing
@@ -61,7 +61,7 @@ class Hindsight:
             mapped={name: any(path.startswith(f"/world/maps/{name}/") for path in there) for name in env.groups},
             decides={name: f"/focus/{name}/decision" in there for name in env.groups},
             coupled=tuple(name for name in env.groups if f"/population/coupling/{name}" in there),
-            measures=tuple(scenario.measures),
+            measures=census.plotted(scenario),
             grows=env.open_population,
             marks=tuple(shapes.marked(scenario)),
             grid=maps.cover(scenario.arena),
@@ -151,8 +151,13 @@ class Hindsight:
         x = np.stack([of(need.name) for need in species.needs], axis=1).astype(float)
         place, way = of("Points2D:positions").astype(float), of("Arrows2D:vectors")
         angle, lives = np.arctan2(way[:, 1], way[:, 0]), np.isfinite(x).all(axis=1) & (serials[row, slot] == serial)
-        delta = np.where([n.regulated for n in species.needs], x - [n.set_point for n in species.needs], 0.0)
-        own = physiology.drive(delta, species.drive_epsilon, species.drive_exponent)
+        fixed = np.array([need.set_point for need in species.needs])
+        target = np.tile(fixed, (len(x), 1))
+        for i, name_ in enumerate(census.moving(species)):
+            if name_:
+                target[:, i] = of(name_)
+        delta = np.where([n.regulated for n in species.needs], x - target, 0.0)
+        own = physiology.drive_of(species, delta)
         if scene.full:
             drive, reward = of("drive").astype(float), of("reward").astype(float)
         else:  # what it felt of others was not recorded
@@ -170,6 +175,7 @@ class Hindsight:
             tick=ticks[row],
             time=ticks[row] * scene.scenario.dt,
             internal=x,
+            set_point=target,
             drive=drive,
             own=None if species.empathy is None else own,
             mean=mean,

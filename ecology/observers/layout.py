@@ -135,11 +135,22 @@ def _population_views(scene: Scene) -> rrb.Container:
     ]
     if scene.grows or any(s.hazard for s in scene.scenario.species):
         rows.append(rrb.Horizontal(*bars) if len(bars) <= 3 else rrb.Tabs(*bars))
+    traits = [
+        rrb.BarChartView(
+            origin=f"/population/traits/{s.name}/{trait.name}",
+            name=f"{trait.name} of {s.name} ({trait.of})",
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+        for s in scene.scenario.species
+        for trait in s.traits
+    ]
+    if traits:
+        rows.append(rrb.Horizontal(*traits) if len(traits) <= 3 else rrb.Tabs(*traits))
     last: list[rrb.View] = []
     if scene.stocked:
         last.append(_plot("/population/stocks", "stocks, units of intake"))
     if scene.measures:
-        last.append(_plot("/population/measures", "measures of the scenario"))
+        last.append(_plot("/population/measures", "measures and cues of the scenario"))
     last += [
         rrb.TensorView(origin=f"/population/coupling/{name}", name=f"{name}: who (row) feels whom (column)")
         for name in scene.coupled
@@ -213,7 +224,7 @@ def _need_views(scene: Scene, name: str) -> rrb.Container:
         views.append(
             rrb.TimeSeriesView(
                 origin=f"/{scene.at(name)}/needs",
-                name=f"{need.name} (x* {need.set_point:g})",
+                name=f"{need.name} (x* {need.set_point:g}{', moves' * (need.set_range is not None)})",
                 time_ranges=_last(STATE_TICKS, scene.scenario.dt),
                 plot_legend=rrb.PlotLegend(visible=False),
                 overrides={f"{scene.at(name)}/needs": rr.SeriesLines.from_fields(visible_series=shown)},

@@ -33,17 +33,22 @@ DEEDS = "interventions"  # column of a run with any: those since the last sample
 FIXED = ("tick", "time", "agent", "species", "x", "y", "heading", "drive", "own_drive", "reward", "action", DEEDS)
 MEASURE = "measures."  # before the name of a scenario's measure
 LOAD = "load."  # before the name of what is carried
+CUE, SET_POINT = "cues.", "set_points."  # before the name of a cue, and of a need whose set point moves
+TRAIT = "traits."  # before the name of a trait
+TRIALS = ("session", "trial")  # columns of a scenario with sessions
 
 
 class Recorder:
     """Writes ticks, bodies, internal states and the minds' own numbers to `metrics.parquet`.
 
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
-    name, drive (what is felt of others included), own_drive (without that), reward, action, one
-    per resource that somebody carries (`load.NAME`), one per measure of the scenario (`measures.NAME`, the same in
-    every row of a tick), and one per number that a mind reports. A run in which somebody intervened has
-    `interventions` too: those since the last sampled tick, null where there was none. A variable that a
-    species does not have is null. Memory is bounded by `ROWS` rows.
+    name, drive (what is felt of others included), own_drive (without that), reward, action, one per
+    resource that somebody carries (`load.NAME`), one per measure of the scenario (`measures.NAME`,
+    the same in every row of a tick), one per cue (`cues.NAME`), per set point
+    that moves (`set_points.NEED`) and per trait (`traits.NAME`), session and trial in a scenario with sessions, and one
+    per number that a mind reports. A run in which somebody intervened, or whose scenario has a schedule, has
+    `interventions` too: those since the last sampled tick, null
+    where there was none. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
 
     def __init__(
@@ -85,6 +90,12 @@ class Recorder:
         place = [{need.name: i for i, need in enumerate(s.needs)} for s in species]
         self._need_at = {name: np.array([p.get(name, -1) for p in place]) for name in needs}
         actions = list(dict.fromkeys(a.name for s in species for a in s.actions))
+        moving = {need.name for s in species for need in s.needs if need.set_range is not None}
+        self._set_point_at = {name: at for name, at in self._need_at.items() if name in moving}
+        self._timetable = env.timetable
+        traits = list(dict.fromkeys(trait.name for s in species for trait in s.traits))
+        columns = [{trait.name: i for i, trait in enumerate(s.traits)} for s in species]
+        self._trait_at = {name: np.array([each.get(name, -1) for each in columns]) for name in traits}
         self._actions = pa.array(actions)
         self._action_at = np.zeros((len(species), max(len(s.actions) for s in species)), np.int32)
         for i, s in enumerate(species):
@@ -133,6 +144,15 @@ class Recorder:
                 rows[LOAD + self._scenario.resources[k].name] = state.load[slots, k]
         for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
             rows[MEASURE + name] = np.full(len(slots), measured)
+        for cue, value in zip(self._scenario.cues, () if state.cue is None else state.cue, strict=True):
+            rows[CUE + cue.name] = np.full(len(slots), value)
+        if state.trait is not None:
+            rows["trait"] = state.trait[slots]
+        if state.set_point is not None:
+            rows["set_point"] = state.set_point[slots]
+        if self._timetable is not None and self._scenario.sessions:
+            for word, value in zip(TRIALS, self._timetable.trial(state.tick), strict=True):
+                rows[word] = np.full(len(slots), value, object if isinstance(value, str) else None)
         if self._deeds:
             rows[DEEDS] = np.full(len(slots), "; ".join(f"tick {at}: {text}" for at, text in self._deeds), object)
             self._deeds = []
@@ -205,11 +225,10 @@ class Recorder:
         kinds = np.zeros(len(serials), int)
         kinds[which] = species
         names = pa.array([f"{self._species[k]}_{s}" for k, s in zip(kinds, serials, strict=True)])
-        internal = rows["internal"].astype(np.float32)
 
-        def variable(at: np.ndarray) -> pa.Array:
+        def variable(at: np.ndarray, of: str = "internal") -> pa.Array:
             column = at[species]
-            value = internal[np.arange(len(column)), np.maximum(column, 0)]
+            value = rows[of].astype(np.float32)[np.arange(len(column)), np.maximum(column, 0)]
             return pa.array(value, mask=column < 0)
 
         def word(codes: np.ndarray, words: pa.Array) -> pa.Array:
@@ -232,7 +251,10 @@ class Recorder:
             "reward": number(rows["reward"]),
             "action": word(self._action_at[species, rows["action"]], self._actions),
             **{name: number(rows[name]) for name in rows if name.startswith(LOAD)},
-            **{name: pa.array(rows[name]) for name in rows if name.startswith(MEASURE)},
+            **{name: pa.array(rows[name]) for name in rows if name.startswith((MEASURE, CUE))},
+            **{TRAIT + name: variable(at, "trait") for name, at in self._trait_at.items()},
+            **{SET_POINT + name: variable(at, "set_point") for name, at in self._set_point_at.items()},
+            **{name: pa.array(rows[name].tolist()) for name in TRIALS if name in rows},
             **{name: pa.array(rows[name].tolist(), pa.string()) for name in rows if name == DEEDS},
         }
         for name, value in rows.items():
@@ -251,7 +273,7 @@ def check_columns(scenario: Scenario, minds: Mapping[str, Mind]) -> None:
     """Raise EcologyError where two columns of the metrics would have one name."""
     needs = {need.name for species in scenario.species for need in species.needs}
     told = {word for mind in minds.values() for word in mind.report()}
-    fixed = {*FIXED, *(MEASURE + name for name in scenario.measures)}
+    fixed = {*FIXED, *(TRIALS if scenario.sessions else ()), *(MEASURE + name for name in scenario.measures)}
     clash = sorted(needs & {*fixed, *told})
     require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
     clash = sorted(told & fixed)
@@ -338,4 +360,5 @@ def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None
 def _batches(parts: Iterable[Path]) -> Iterator[pa.RecordBatch]:
     for part in parts:
         with _intact(part), pq.ParquetFile(part) as file:
-            yield from file.iter_batches(ROWS)
+            if file.num_row_groups:  # a run that was stopped before its first sample has left none
+                yield from file.iter_batches(ROWS)

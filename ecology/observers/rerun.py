@@ -155,7 +155,7 @@ class RerunObserver:
             mapped={name: self._deviation(name) is not None for name in env.groups},
             decides={name: bool(env.groups[name].size) and self._minds[name].decides for name in env.groups},
             coupled=tuple(name for name in env.groups if env.coupling(name) is not None),
-            measures=tuple(scenario.measures),
+            measures=census.plotted(scenario),
             grows=env.open_population,
             marks=tuple(shapes.marked(scenario)),
             grid=self._grid,
@@ -363,10 +363,13 @@ class RerunObserver:
             "born": self._census.born.copy(),
             "died": self._census.died.copy(),
             "stocks": census.stocks(scene.scenario, state),
-            "measures": np.array(self._env.scenario.measured(state)),
+            "measures": census.measured(self._env.scenario, state),
         }
+        if state.set_point is not None:
+            sample["set_point"] = np.where(alive[:, None], state.set_point, np.nan).astype(np.float32)
         if self._sampled == 0 or state.tick % (SPARSE * self._every) == 0:  # by the tick: a run that is resumed, too
             sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
+            sample["traits"] = census.histograms(scene.scenario, state)
             sample["coupling"] = {name: self._coupling(name, state) for name in scene.coupled}
         self._samples.append(sample)
         self._sampled += 1

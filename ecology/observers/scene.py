@@ -35,7 +35,7 @@ class Scene:
     mapped: Mapping[str, bool]  # species -> whether there are deviation maps
     decides: Mapping[str, bool]  # species -> whether its mind shows its decisions
     coupled: tuple[str, ...]  # species with empathy
-    measures: tuple[str, ...]  # of the scenario
+    measures: tuple[str, ...]  # of the scenario, and its cues
     grows: bool  # whether anyone can be born
     marks: tuple[str, ...]  # kinds of events that can come up
     grid: maps.Grid
@@ -53,8 +53,8 @@ class Scene:
 
     @property
     def crowd(self) -> bool:
-        """Return whether this is a population, not one agent."""
-        return sum(group.size for group in self.groups.values()) > 1
+        """Return whether there is more to be shown than one agent: a population, or cues."""
+        return sum(group.size for group in self.groups.values()) > 1 or bool(self.scenario.cues)
 
     @property
     def mixed(self) -> bool:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ecology import physiology
 from ecology.senses.base import Component, Perceiver, Perception, Sense
 from ecology.state import State
 
@@ -18,13 +19,11 @@ class Deviations(Sense):
 
     def __init__(self, whose: Perceiver) -> None:
         """Compile the deviations of the needs of `whose` species."""
-        self.components = tuple(
-            Component(n.name, "deviation", n.scale, n.low - n.set_point, n.bounds[1] - n.set_point)
-            for n in whose.species.needs
-        )
+        self.components = tuple(Component(n.name, "deviation", n.scale, *n.deviations) for n in whose.species.needs)
         self._rows, self._width = whose.rows, len(self.components)
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write x - x*."""
         rows, width = self._rows, self._width
-        zeta[:, column : column + width] = state.internal[rows, :width] - model.body.set_point[rows, :width]
+        set_point = physiology.set_points(model.body, state)
+        zeta[:, column : column + width] = state.internal[rows, :width] - set_point[rows, :width]

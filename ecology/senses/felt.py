@@ -26,7 +26,9 @@ class Felt(Sense):
             own = own_weights(species, whose.everyone)
             if empathy.form == "sum":
                 size = math.sqrt(sum(n.scale**2 for n in species.needs if n.regulated))
-                found.append(Component("felt", "felt", max(abs(empathy.weight) * size, 1e-6), -math.inf, math.inf))
+                own_weight = [max(map(abs, trait.bounds)) for trait in species.traits if trait.of == "empathy.weight"]
+                largest = max(own_weight, default=abs(empathy.weight))
+                found.append(Component("felt", "felt", max(largest * size, 1e-6), -math.inf, math.inf))
             found += [
                 Component(f"felt_{n.name}", "felt", abs(1.0 - own[n.name]) * n.scale, -math.inf, math.inf, v)
                 for v, n in enumerate(species.needs)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, physiology
 from ecology.compiler_cache import compiled, use_cache
 from ecology.ground import plane
 from ecology.ground.plane import wrapped
@@ -43,7 +43,7 @@ class Others(Sense):
                 found += [Component(f"{one}_is_{kind.name}", "plain", 0.5, 0.0, 1.0) for kind in kinds]
             for name in opened:
                 needs = [n for kind in kinds for n in kind.needs if n.name == name and name in kind.opens]
-                low, high = min(n.low - n.set_point for n in needs), max(n.bounds[1] - n.set_point for n in needs)
+                low, high = min(n.deviations[0] for n in needs), max(n.deviations[1] for n in needs)
                 scale = max(n.scale for n in needs)
                 found.append(Component(f"{one}_{name}", "plain", scale, min(low, 0.0), max(high, 0.0)))
             found += known.components(one)
@@ -68,7 +68,7 @@ class Others(Sense):
         _write_others(
             zeta, column, self._far, found, angle, pairs.other, pairs.distance, self._rows.start, state.heading,
             sensed.heading, self._kind_of, self._kinds, model.species_of, self._columns, state.internal,
-            model.body.set_point, self._known.width,
+            physiology.set_points(model.body, state), self._known.width,
         )  # fmt: skip
         if self._known.width:
             width = len(self.components) // sensed.count

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ecology import physiology
 from ecology.empathy import own_weights
 from ecology.ground import Plane, plane_of
 from ecology.senses.base import Component, Perceiver, Perception, Sense
 from ecology.senses.clock import Clock
+from ecology.senses.cues import Cues
 from ecology.senses.deviations import Deviations
 from ecology.senses.faults import Faulty, compile_faults, misread
 from ecology.senses.felt import Felt
@@ -56,6 +58,9 @@ class Layout:
     regulated: Bools  # (D,) components that count in the drive
     epsilon: float  # of the drive
     exponent: float  # of the drive
+    below: Floats  # (D,) factor of a deviation below the set point in the drive
+    above: Floats  # (D,) factor above it
+    power: float  # n of the drive
     own: Floats  # (D,) w_ii of the average form of empathy, 1 without
     felt_to: Ints  # (D,) deviation that a felt component adds to; -1: it adds to the drive (sum form), or is none
 
@@ -96,6 +101,7 @@ def compile_gaze(
         Felt(whose),
         *(SENSES[each](whose) if isinstance(each, str) else MADE[type(each)](whose, each) for each in species.senses),
         *(Patches(whose, name) for name in species.sees),
+        Cues(whose),
         *(Others(whose, sensed) for sensed in species.neighbours),
     ]
     senses = [sense for sense in senses if sense.components]
@@ -133,6 +139,7 @@ def _lay_out(species: Species, components: Sequence[Component], everyone: Sequen
     """Return the layout of `components`, those of the needs first."""
     own, needs = own_weights(species, everyone), len(species.needs)
     rest = len(components) - needs
+    below, above = (np.append(factor, np.ones(rest)) for factor in physiology.drive_factors(species))
     return Layout(
         names=tuple(c.name for c in components),
         kinds=tuple(c.kind for c in components),
@@ -142,6 +149,9 @@ def _lay_out(species: Species, components: Sequence[Component], everyone: Sequen
         regulated=np.array([n.regulated for n in species.needs] + [False] * rest),
         epsilon=species.drive_epsilon,
         exponent=species.drive_exponent,
+        below=below,
+        above=above,
+        power=species.drive_power,
         own=np.array([own[n.name] for n in species.needs] + [1.0] * rest),
         felt_to=np.array([c.felt_to for c in components]),
     )
@@ -182,9 +192,9 @@ def show_fatal_needs(
 
     The state keeps what a dead body stored before the tick, so that the account closes and death is no relief.
     """
-    body = model.body
+    body, set_point = model.body, physiology.set_points(model.body, state)
     x = np.where(np.isfinite(internal), np.clip(internal, body.low, body.high), state.internal)
     for group, species in model.species:
         rows, width = np.flatnonzero(died[group.slots]), len(species.needs)
         at = group.slots.start + rows
-        observations[group.name][rows, :width] = (x - body.set_point)[at, :width]
+        observations[group.name][rows, :width] = (x - set_point)[at, :width]

@@ -40,6 +40,10 @@ class Encoding(NamedTuple):
     felt: Array  # (D,)
     epsilon: np.float32  # of the drive
     exponent: np.float32
+    root: np.float32  # exponent / power
+    power: np.float32  # n of the drive
+    above: Array  # (D,) factor of what lies above its set point
+    bent: bool  # whether power or any factor is another than the paper's, 2 and 1
     sharp: np.float32  # 1 / width^2 of a place cell
     log_gamma: np.float32
     dt: np.float32

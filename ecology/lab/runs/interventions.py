@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecology.errors import EcologyError, readable
-from ecology.interventions import split
 from ecology.lab.runs.folder import INTERVENTIONS, replace_text
+from ecology.verbs import split
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,20 @@ class Schedule:
         """Refuse everything that other threads wait for."""
         while not self.requests.empty():
             self.requests.get()[1].set_exception(EcologyError(why))
+
+
+def as_schedule(folder: Path, dt: float) -> str:
+    """Return the log of the run in `folder`, whose ticks last `dt`, as Python: a scenario's schedule.
+
+    Raises EcologyError where nothing was done to the run.
+    """
+    log = folder / INTERVENTIONS
+    if not log.exists():
+        raise EcologyError(f"nobody intervened in the run {str(folder)!r}: there is no {INTERVENTIONS} in it.")
+    lines = [f"    Event(do={json.dumps(each.do, ensure_ascii=False)}, at={each.tick * dt!r}, felt=False),\n"
+             for each in read_log(log)]  # fmt: skip
+    head = f'"""What was done to the run {folder.absolute().name}."""\n\nfrom ecology import Event\n\n'
+    return f"{head}SCHEDULE = (\n{''.join(lines)})\n"
 
 
 def read_log(path: Path) -> list[Entry]:

@@ -17,7 +17,7 @@ from ecology import Ecology, EcologyError, Scenario, Tick, agents, faults
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError
 from ecology.errors import writable
-from ecology.interventions import intervene, split
+from ecology.interventions import intervene
 from ecology.lab.runs import source
 from ecology.lab.runs.folder import (
     CHECKPOINT,
@@ -39,6 +39,8 @@ from ecology.lab.runs.world_file import read_world, write_world
 from ecology.observers.base import Observer
 from ecology.observers.control import Control
 from ecology.observers.mailbox import Mailbox
+from ecology.schedule import ScheduledTick
+from ecology.verbs import split
 
 DO = "do"  # kind of the requests of `ecology do`
 LOOK = 0.1  # seconds between two looks for requests of other processes
@@ -69,11 +71,13 @@ class Run:
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
         with _room(f"a world of {self.env.size} agents"):
             self.tick = self.env.reset_arrays(plan.seed)
+        if isinstance(self.tick, ScheduledTick):
+            loop.follow(self.env, self.learners, self.tick)
+        with _room(f"a world of {self.env.size} agents"):
             self.tally = Tally(self.scenario, self.env, self.learners, every=plan.record_every, last=plan.ticks)
         self.stopped_by: str | None = None
         self.control: Control | None = None  # of the pace, where somebody may set it
         self.schedule = Schedule(folder)
-        self.frozen: set[str] = set()  # species that do not learn
         self._living: int | None = None  # thread in which the run lives
         self._observers: Sequence[Observer] = ()
         self._interrupt = Interrupt()
@@ -300,22 +304,7 @@ class Run:
     def _do_next(self, text: str) -> tuple[Tick, str]:
         """Do the next intervention of the schedule."""
         effect = intervene(self.env, text)
-        for species, learner in self.learners.items():
-            rows = self.env.groups[species].slots
-
-            def mine(slots: tuple[int, ...], rows: slice = rows) -> np.ndarray:
-                return np.array([slot - rows.start for slot in slots if rows.start <= slot < rows.stop], np.int64)
-
-            if (slots := mine(effect.died)).size:
-                learner.died(slots)
-            if (slots := mine(effect.born)).size:
-                learner.born(slots, np.full(len(slots), -1))
-            if (slots := mine(effect.changed)).size:
-                learner.interrupted(slots)
-            if species in effect.learning:
-                learner.learning = effect.learning[species]
-                learner.begin()
-                self.frozen = (self.frozen | {species}) - ({species} if learner.learning else set())
+        loop.pass_on_effect(self.env, self.learners, effect, effect.changed)
         self.schedule.done += 1
         for observer in self._observers:
             if (told := getattr(observer, "intervened", None)) is not None:
@@ -368,10 +357,8 @@ class Run:
 
     @contextlib.contextmanager
     def _lives(self, observers: Sequence[Observer]) -> Iterator[None]:
-        """Let the run be asked for interventions, and its learners learn or not as it was left."""
+        """Let the run be asked for interventions."""
         self._living, self._observers = threading.get_ident(), tuple(observers)
-        for species in self.frozen:
-            self.learners[species].learning = False
         try:
             yield
         finally:
@@ -381,7 +368,8 @@ class Run:
     def parts(self) -> dict[str, checkpoint.Part]:
         """Return all that the run has become: what a checkpoint holds."""
         done = {"interventions": self.schedule.done} if self.schedule.done else {}
-        frozen = {"frozen": sorted(self.frozen)} if self.frozen else {}
+        still = sorted(species for species, learner in self.learners.items() if not learner.learning)
+        frozen = {"frozen": still} if still else {}
         return {
             "run": ({}, {"words": self._words(), **done, **frozen}),
             "tally": self.tally.state(),

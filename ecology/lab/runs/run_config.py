@@ -7,6 +7,7 @@ import dataclasses
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import platform
 import re
@@ -111,9 +112,14 @@ TABLES = ("settings", "learners", "forked", "made_with")
 # fields that are younger than checkpoints, which know nothing of them: left out where they hold their default
 LATER: Mapping[str, Mapping[str, Any]] = {
     "Arena": {"holes": (), "doors": ()},
+    "Need": {"set_range": None, "adaptation": None, "weight": 1.0, "excess": 1.0},
     "Resource": {"decay": 0.0, "gone_below": None, "present": None, "seeding": None},
-    "Scenario": {"memory": {}, "fields": ()},
-    "Species": {"remains": None, "exposures": (), "faults": (), "carries": {}},
+    "Scenario": {"cues": (), "schedule": (), "sessions": (), "memory": {}, "fields": ()},
+    "Species": {
+        **{"cues": (), "stages": (), "drive_power": 2.0, "traits": ()},
+        **{"remains": None, "exposures": (), "faults": (), "carries": {}},
+    },
+    "Birth": {"parents": 1, "mates_within": math.inf},
     "Neighbours": {"action": False, "kin": False, "identity": 0},
     "Action": {"emits": {}, "into": None, "amount": 0.0},
 }

@@ -12,6 +12,7 @@ from ecology import Ecology, EcologyError, Scenario, State, Tick
 from ecology.agents import checkpoint
 from ecology.agents.base import Learner
 from ecology.observers.base import Mind
+from ecology.spec import Species
 from ecology.state import CAUSES
 
 BLOCKS = 2**16  # in which the ticks of a run are summed up: one tick each, then two, four, ...
@@ -29,7 +30,7 @@ class Tally:
     ) -> None:
         """Sum up `env`; the scenario's measures are taken every `every` ticks, and at the tick `last`."""
         self._scenario, self._groups, self._learners = scenario, env.groups, learners
-        self._every, self._last = every, last
+        self._every, self._last, self._env = every, last, env
         self._feels = any(species.empathy is not None for species in scenario.species)
         needs = max(len(s.needs) for s in scenario.species)
         self._set_point = np.zeros((env.size, needs))
@@ -83,7 +84,8 @@ class Tally:
         self.own_drive[at // self.span] += self._by_species(state.own_drive, alive) if self._feels else drive
         self.living[at // self.span] += self.now
         self.tick = state.tick
-        self.delta += np.abs(state.internal - self._set_point) * alive[:, None]
+        set_point = self._set_point if state.set_point is None else state.set_point
+        self.delta += np.abs(state.internal - set_point) * alive[:, None]
         self.lived += alive
         self.actions[self._row, tick.action] += alive
         if tick.died.any():
@@ -172,7 +174,8 @@ class Tally:
         lived_by = self.living.sum(axis=0)  # per species
         wall, cpu, learner = self.seconds
         tenth = self.tick - max(1, self.tick // 10)
-        needs, shares, population = {}, {}, {}
+        needs, shares = {}, {}
+        population: dict[str, dict[str, Any]] = {}
         for i, (species, group) in enumerate(zip(self._scenario.species, self._groups.values(), strict=True)):
             population[species.name] = {
                 "end": int(self.now[i]),
@@ -184,6 +187,8 @@ class Tally:
                 "fatal_needs": {need.name: int(n) for need, n in zip(species.needs, self.fatal[i], strict=False) if n},
                 "killed_by": {name: int(n) for name, n in zip(self._groups, self.killed[i], strict=True) if n},
             }
+            if species.traits:
+                population[species.name]["traits"] = self._traits(species, group.slots)
             lived = self.lived[group.slots].sum()
             delta = self.delta[group.slots].sum(axis=0)
             needs[species.name] = {n.name: _share(delta[i], lived) for i, n in enumerate(species.needs)}
@@ -216,6 +221,19 @@ class Tally:
                 }
                 for i, name in enumerate(self._scenario.measures)
             },
+        }
+
+    def _traits(self, species: Species, rows: slice) -> dict[str, dict[str, float | None]]:
+        """Return mean and standard deviation of the traits of a species as they are now, None of nobody."""
+        state = self._env.state_view
+        assert state.trait is not None
+        living = state.trait[rows][state.alive[rows]]
+        return {
+            trait.name: {
+                "mean": float(living[:, t].mean()) if len(living) else None,
+                "sd": float(living[:, t].std()) if len(living) else None,
+            }
+            for t, trait in enumerate(species.traits)
         }
 
     BLOCKED = ("drive", "own_drive", "living")  # of which only the blocks that have begun are kept

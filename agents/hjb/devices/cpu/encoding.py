@@ -5,11 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from ecology.agents.hjb.devices import records
-from ecology.agents.hjb.devices.cpu.arithmetic import HALF, ZERO, F, exp32, raised
+from ecology.agents.hjb.devices.cpu.arithmetic import HALF, ONE, ZERO, F, exp32, raised
 from ecology.agents.hjb.devices.cpu.compiler import within
 from ecology.elementary import cosine_and_sine
 
 SILENT = F(records.SILENT)
+
+
+@within
+def bent_square(s, y, v):
+    """Return |b y|^n, the part that the deviation y of component v has in a drive that is not the paper's."""
+    size = y * s.above[v] if y > ZERO else -y
+    return raised(size, s.power) if size > ZERO else ZERO
+
+
+@within
+def bent_slope(s, y, v):
+    """Return the slope of `bent_square` along y, divided by n."""
+    size = y * s.above[v] if y > ZERO else -y
+    if size <= ZERO:
+        return ZERO
+    steep = raised(size, s.power - ONE)
+    return steep * s.above[v] if y > ZERO else -steep
 
 
 @within
@@ -20,9 +37,9 @@ def drive(s, zeta, mixed):
         mixed[s.mix_to[e]] += s.mix_weight[e] * zeta[s.mix_from[e]]
     total, felt = s.epsilon, ZERO
     for v in range(len(mixed)):
-        total += mixed[v] * mixed[v]
+        total += bent_square(s, mixed[v], v) if s.bent else mixed[v] * mixed[v]
         felt += s.felt[v] * zeta[v]
-    return raised(total, s.exponent * HALF) + felt
+    return raised(total, s.root) + felt
 
 
 @within

@@ -9,7 +9,6 @@ import numpy as np
 
 from ecology.agents.hjb.devices.cpu.arithmetic import (
     FEW,
-    HALF,
     LONGEST,
     ONE,
     TWO,
@@ -22,7 +21,7 @@ from ecology.agents.hjb.devices.cpu.arithmetic import (
     sigmoid,
 )
 from ecology.agents.hjb.devices.cpu.compiler import inlined, within
-from ecology.agents.hjb.devices.cpu.encoding import drive, features
+from ecology.agents.hjb.devices.cpu.encoding import bent_slope, bent_square, drive, features
 from ecology.agents.hjb.devices.cpu.networks import hidden, inputs_of, layers
 
 
@@ -32,9 +31,12 @@ def add_drive_slope(s, zeta, mixed, slope):
     drive(s, zeta, mixed)
     total = s.epsilon
     for v in range(len(mixed)):
-        total += mixed[v] * mixed[v]
+        total += bent_square(s, mixed[v], v) if s.bent else mixed[v] * mixed[v]
         slope[v] += s.felt[v]
-    factor = s.exponent * raised(total, s.exponent * HALF - ONE)
+    factor = s.exponent * raised(total, s.root - ONE)
+    if s.bent:
+        for v in range(len(mixed)):
+            mixed[v] = bent_slope(s, mixed[v], v)
     for e in range(len(s.mix_from)):
         slope[s.mix_from[e]] += factor * mixed[s.mix_to[e]] * s.mix_weight[e]
 

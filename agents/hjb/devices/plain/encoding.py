@@ -12,7 +12,10 @@ from ecology.agents.hjb.devices.records import SILENT
 
 def drive(s: Any, zeta: Tensor) -> Tensor:
     """Return d at zeta (..., D)."""
-    return ((zeta @ s.mix).square().sum(-1) + s.epsilon) ** (s.exponent / 2) + zeta @ s.felt
+    own = zeta @ s.mix
+    if s.bent:  # the floor keeps the slope finite at the set point
+        own = (own * torch.where(own > 0, s.above, 1.0)).abs().clamp(min=1e-12) ** (s.power / 2)
+    return (own.square().sum(-1) + s.epsilon) ** s.root + zeta @ s.felt
 
 
 def features(s: Any, own: Any, zeta: Tensor) -> Tensor:

@@ -30,8 +30,11 @@ def on_device(encoding: Encoding, device: torch.device) -> Any:
 
 def drive(s: Any, zeta: Tensor) -> Tensor:
     """Return d at zeta (..., D)."""
-    total = (zeta @ s.mix).square().sum(-1) + s.epsilon
-    return (total.sqrt() if s.exponent == 1 else total ** (s.exponent / 2)) + zeta @ s.felt
+    own = zeta @ s.mix
+    if s.bent:  # the floor keeps the slope finite at the set point
+        own = (own * torch.where(own > 0, s.above, 1.0)).abs().clamp(min=1e-12) ** (s.power / 2)
+    total = own.square().sum(-1) + s.epsilon
+    return (total.sqrt() if s.root == 0.5 else total**s.root) + zeta @ s.felt
 
 
 def features(s: Any, own: Any, zeta: Tensor) -> Tensor:

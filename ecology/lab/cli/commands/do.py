@@ -17,14 +17,15 @@ def command(
         typer.Argument(
             metavar="WHAT",
             help="move AGENT X Y; move RESOURCE[.N] X Y; refill RESOURCE[.N] [STOCK]; empty RESOURCE[.N]; "
-            "put SPECIES X Y; remove AGENT; set AGENT NEED VALUE; empathy SPECIES WEIGHT; learning SPECIES on, or off.",
+            "put SPECIES X Y; remove AGENT; set AGENT NEED VALUE; shift AGENT NEED SET_POINT; empathy SPECIES WEIGHT; "
+            "learning SPECIES on, or off; show CUE VALUE; change PATH NUMBER.",
         ),
     ],
 ) -> None:
     """Intervene in a run that is alive, between two of its ticks, and print what was done."""
-    from ecology.interventions import split
     from ecology.lab.runs.folder import CONFIG, INTERVENTIONS, check_run, is_locked
     from ecology.observers.mailbox import request
+    from ecology.verbs import split
 
     check_run(run)
     text = " ".join(what)
