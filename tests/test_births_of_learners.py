@@ -301,6 +301,7 @@ def test_drive_as_an_agent_knows_it(fields: dict[str, object], expected: float) 
         felt=felt,
         epsilon=np.float32(0.5),
         exponent=np.float32(exponent),
+        root=np.float32(exponent / 2),
     )
     known = from_python(drive)
     assert known(encoding, zeta, np.empty_like(zeta)) == pytest.approx(expected, rel=1e-6)

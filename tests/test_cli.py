@@ -141,7 +141,7 @@ def rule(world, rng):
     assert code == 1
     assert "FAIL  the same seed gives the same life\n      tick 1: with the same seed" in out
     assert "pass  every account closes" in out
-    assert err == "mine.py breaks the contract in 4 of 14 points.\n"
+    assert err == "mine.py breaks the contract in 4 of 15 points.\n"
     code, _, err = ecology("check", "papper")
     assert (code, "Did you mean 'paper'" in err) == (2, True)
 
