@@ -124,6 +124,13 @@ def test_what_is_measured_otherwise_lies_elsewhere(tmp_path, monkeypatch):
         folder(settings={"learner.widht": 8})
 
 
+def test_all_code_that_decides_how_a_run_goes_is_in_the_digest():
+    """A change of a kernel, a sense or the geometry counts as other code; the laboratory and the viewer do not."""
+    found = {"/".join(path.parts[-2:]) for path in minds.code_files()}
+    assert {"cpu/lookahead.py", "hjb/learner.py", "senses/others.py", "ground/walls.py", "ecology/world.py"} <= found
+    assert {"certificate/minds.py", "observers/page.py", "scenarios/paper.py", "agents/figures.py"}.isdisjoint(found)
+
+
 def test_a_seed_that_fails_is_told(tmp_path):
     """A process that cannot measure its seed ends with the reason."""
     job = minds.Job(seed=0, ticks=3000, life=2000, settings={"learner.widht": 1}, folder=tmp_path / "seed-0")

@@ -51,6 +51,7 @@ BACK, ADAPTS = 1.25, 15_000  # times the drive before the move that counts as re
 PROBES = evaluation.PROBES  # places per need
 LEARNING, ACTING = 6.4e-3, 1e-3  # seconds per tick; Intel Xeon at 2.5 GHz, 2026-11-28, and acting is a guess
 DONE = "measures.json"
+APART = ("agents", "lab", "observers", "scenarios")  # folders of `ecology` that do not belong to the world
 
 Tell = Callable[[str], None]
 
@@ -358,17 +359,25 @@ def processor() -> dict[str, str]:
     return {"processor": name, "numba_cpu_name": os.environ.get("NUMBA_CPU_NAME", "")}
 
 
+def code_files() -> list[Path]:
+    """Return the files of the world and of the learners, those of their subpackages included."""
+    found = []
+    for package in (agents, ecology):
+        home = Path(package.__path__[0])
+        inner = (path for path in sorted(home.rglob("*.py")) if path.relative_to(home).parts[0] not in APART)
+        found += [path for path in inner if path.name != "figures.py"]
+    return found
+
+
 def code_digest() -> str:
     """Return a digest of the code that decides how a run goes; comments, docstrings and layout do not count."""
     digest = hashlib.sha256()
-    for package in (agents, ecology):
-        for path in sorted(Path(package.__path__[0]).glob("*.py")):
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            for node in ast.walk(tree):
-                if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node):
-                    node.body = node.body[1:]
-            if path.name != "figures.py":
-                digest.update(ast.dump(tree).encode())
+    for path in code_files():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node):
+                node.body = node.body[1:]
+        digest.update(ast.dump(tree).encode())
     return digest.hexdigest()
 
 
