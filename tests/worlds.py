@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numba
 import numpy as np
+import pytest
 
 from ecology import (
     Arena,
@@ -16,6 +17,7 @@ from ecology import (
     Door,
     Drift,
     Ecology,
+    EcologyError,
     Empathy,
     Exposure,
     Fault,
@@ -290,6 +292,13 @@ def coming(**words: Any) -> Scenario:
         world, arena=arena, fields=fields, name="coming", species=(hunters, prey, ghosts), resources=resources,
         rule=abundance, memory={"count": 0, "where": (0.0, 0.0)},
     )  # fmt: skip
+
+
+def assert_refused(build: Callable[[], object], words: Sequence[str]) -> None:
+    """Hold `build` to raise an EcologyError whose message has all of `words`: the rule and the value."""
+    with pytest.raises(EcologyError) as wrong:
+        build()
+    assert all(word in str(wrong.value) for word in words), wrong.value
 
 
 def from_python(kernel: Any) -> Callable[..., Any]:
