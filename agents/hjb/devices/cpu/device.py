@@ -104,7 +104,7 @@ class Cpu(HostDevice):
 def decide(s, weights, slots, zeta, open_, out):
     """Fill out (k, M) with the scores of the agents `slots` (k,) at zeta (k, D), infinity where not open."""
     parts = zeta.shape[1]
-    inputs = len(s.plain) + 2 * len(s.angle) + weights.centres.shape[2]
+    inputs = inputs_of(s, weights)
     scratch = scratch_for(s, s.movements, parts, s.movements * (parts + 1), inputs, np.int64(1))
     word = control_word()
     set_control_word(word | ZEROED)
@@ -125,7 +125,7 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
     `memory` is the `Replay` and the `Trace` of all agents, `ages` (k,) are units of time.
     """
     parts, size = zeta.shape[1], max(s.beam, s.movements)
-    inputs = len(s.plain) + 2 * len(s.angle) + weights.centres.shape[2]
+    inputs = inputs_of(s, weights)
     scratch = scratch_for(s, size * s.movements, parts, s.movements * (parts + 1), inputs, size)
     beam = beam_for(s, parts)
     word = control_word()
@@ -156,7 +156,7 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
 def expected(s, weights, slots, zeta, movement):
     """Return what f predicts (k, D + 1) of one movement each (k,) of the agents `slots` (k,) at zeta (k, D)."""
     parts = zeta.shape[1]
-    inputs = len(s.plain) + 2 * len(s.angle) + weights.centres.shape[2]
+    inputs = inputs_of(s, weights)
     scratch = scratch_for(s, np.int64(1), parts, parts + 1, inputs, np.int64(1))
     out = np.empty((len(slots), parts + 1), F)
     for r in range(len(slots)):

@@ -28,9 +28,9 @@ def layers(row, inputs, width):
 
 
 @within
-def inputs_of(s, own):
-    """Return how many inputs the networks have: components, and room for place cells."""
-    return len(s.plain) + 2 * len(s.angle) + own.centres.shape[1]
+def inputs_of(s, weights):
+    """Return how many inputs the networks of one agent, or of all, have: components, and room for place cells."""
+    return len(s.plain) + 2 * len(s.angle) + weights.centres.shape[-1]
 
 
 @within

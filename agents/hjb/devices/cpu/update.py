@@ -16,7 +16,7 @@ from ecology.agents.hjb.devices.cpu.encoding import drive
 from ecology.agents.hjb.devices.cpu.first_order import executed
 from ecology.agents.hjb.devices.cpu.learning import imagine, learn_f, learn_j, positions
 from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrowed, control_word, keep_alive, set_control_word
-from ecology.agents.hjb.devices.cpu.networks import layers
+from ecology.agents.hjb.devices.cpu.networks import inputs_of, layers
 from ecology.agents.hjb.devices.cpu.scores import expected_score, scores
 from ecology.agents.hjb.devices.records import Agent
 
@@ -153,7 +153,7 @@ def train_j(s, weights, replay, sampling, i, rate, batch, scratch):
 def update(s, weights, replay, sampling, training, lookahead, start, stop):
     """Take one step on L_f and on L_J for every `ready` agent from `start` to `stop`; score what is in `lookahead`."""
     parts, b, bf = replay.zeta.shape[2], sampling.batch, sampling.batch_f
-    inputs = len(s.plain) + 2 * len(s.angle) + weights.centres.shape[2]
+    inputs = inputs_of(s, weights)
     scratch = scratch_for(s, max(b * s.movements, bf), parts, s.movements * (parts + 1), inputs, b)
     batch = batch_for(s, weights, sampling, parts)
     word = control_word()
