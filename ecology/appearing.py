@@ -108,11 +108,11 @@ def renew(model: Model, state: State, died: Bools, met: Met, rng: Mapping[str, n
     state.own("stock", "grown")
     if table.spoils:
         stored = np.where(table.decay > 0, state.stock, 0.0)
-        take(state, stored * -elementary.expm1(-table.decay * model.dt))
+        add(state, stored * elementary.expm1(-table.decay * model.dt))
     if not table.comes:
         return
     state.own("resource_position", "bound_for")
-    take(state, np.where((state.stock <= table.gone_below) & (table.gone_below >= 0), state.stock, 0.0))
+    add(state, np.where((state.stock <= table.gone_below) & (table.gone_below >= 0), -state.stock, 0.0))
     if died.any():
         for left in table.left:
             leave(model, state, table, left, died)
@@ -124,19 +124,17 @@ def renew(model: Model, state: State, died: Bools, met: Met, rng: Mapping[str, n
         place(model, state, patches, places, np.full(len(places), model.resources.stock[patches.start]))
 
 
-def take(state: State, amount: Floats) -> None:
-    """Take `amount` (R,) out of the stocks, as what spoils."""
-    state.stock -= amount
-    state.grown -= amount
+def add(state: State, amount: Floats) -> None:
+    """Add `amount` (R,), which may be negative, to the stocks; their accounts tell it as growth."""
+    state.stock += amount
+    state.grown += amount
 
 
 def change(model: Model, state: State, amount: Floats) -> None:
     """Add `amount` (R,), which may be negative, to stocks that are there, within 0 and the capacity."""
     finite = np.isfinite(state.stock) & ~absent(model, state.stock)
     after = np.clip(state.stock + amount, 0.0, np.maximum(model.resources.capacity, state.stock))
-    added = np.where(finite, after - np.where(finite, state.stock, 0.0), 0.0)
-    state.stock += added
-    state.grown += added
+    add(state, np.where(finite, after - np.where(finite, state.stock, 0.0), 0.0))
 
 
 def place(model: Model, state: State, patches: slice, places: Floats, stock: Floats) -> int:

@@ -124,7 +124,7 @@ def _take(model: Model, state: State, who: Ints, kind: int, most: float, here: I
     wanted = np.where(source >= 0, np.minimum(most, room), 0.0)
     part, taken = resources.share(wanted, source, np.where(state.available, state.stock - eaten, 0.0))
     state.load[who, kind] += wanted * part
-    _change(state, -taken)
+    appearing.add(state, np.where(np.isfinite(state.stock), -taken, 0.0))
 
 
 def _drop(model: Model, state: State, who: Ints, kind: int, into: int, most: float) -> None:
@@ -141,15 +141,8 @@ def _drop(model: Model, state: State, who: Ints, kind: int, into: int, most: flo
         room = np.where(stays, np.inf, model.resources.capacity - np.where(stays, 0.0, state.stock))
         part, put = resources.share(wanted[stored], patch[stored], room)
         state.load[who[stored], kind] -= wanted[stored] * part
-        _change(state, put)
+        appearing.add(state, np.where(np.isfinite(state.stock), put, 0.0))
     state.load[who[~stored], kind] -= _put_down(model, state, into, who[~stored], wanted[~stored])
-
-
-def _change(state: State, amount: Floats) -> None:
-    """Add `amount` (R,) to the stocks; unlimited ones stay as they are."""
-    added = np.where(np.isfinite(state.stock), amount, 0.0)
-    state.stock += added
-    state.grown += added
 
 
 def _put_down(model: Model, state: State, resource: int, who: Ints, amount: Floats) -> Floats:

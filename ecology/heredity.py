@@ -130,17 +130,16 @@ def arrive(heredity: Heredity, rng: np.random.Generator) -> Floats:
     return np.clip(drawn, heredity.low, heredity.high)
 
 
-def inherit(model: Model, state: State, born: Bools, parent: Ints, rng: np.random.Generator) -> None:
+def inherit(model: Model, state: State, born: Bools, parent: Ints, streams: Mapping[str, np.random.Generator]) -> None:
     """Give the newborns `born` (N,) the traits of their parents in the slots `parent` (N,), -1 without.
 
     Numbers are drawn for all slots, so that they do not depend on who is born.
     """
     heredity = model.heredity
-    assert heredity is not None
-    assert state.trait is not None
-    new, shape = np.flatnonzero(born), heredity.start.shape
-    if not new.size:
+    if heredity is None or not born.any():
         return
+    assert state.trait is not None
+    new, shape, rng = np.flatnonzero(born), heredity.start.shape, streams[STREAM]
     strange, change, coin = arrive(heredity, rng), rng.standard_normal(shape), rng.random(shape) < 0.5
     mother = parent[new]
     father = mother if state.partner is None else np.where(mother >= 0, state.partner[mother], -1)

@@ -129,8 +129,7 @@ class ArrayWorld:
         hauling.haul(model, state, seen, eaten)
         # meetings: bites, gifts, crowding, the scenario's own rule
         met = meetings.meet(model, state, seen, deeds.control, rng)
-        if model.fields is not None:
-            fields.expose(model, state, deeds.control)
+        fields.expose(model, state, deeds.control)
         # physiology: bodies drift, act and are disturbed
         internal = physiology.advance(
             physiology.body_now(model, state),
@@ -147,12 +146,10 @@ class ArrayWorld:
         free = ~state.alive
         physiology.commit(model, state, internal, ingested + met.received - met.given, died)
         born, parent = life.reproduce(model, state, free, met, rng["offspring"])
-        if model.heredity is not None:
-            heredity.inherit(model, state, born, parent, rng[heredity.STREAM])
+        heredity.inherit(model, state, born, parent, rng)
         # resources: stocks regrow, come and go, move
         resources.renew(model, state, eaten, rng)
-        if model.appearing is not None or met.outcome is not None:
-            appearing.renew(model, state, died, met, rng)
+        appearing.renew(model, state, died, met, rng)
         hauling.fall(model, state, died)
         fields.advance(model, state)
         # time

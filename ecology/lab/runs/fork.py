@@ -11,8 +11,8 @@ import numpy as np
 
 from ecology import Ecology, EcologyError, Scenario, faults
 from ecology.agents import checkpoint
+from ecology.changes import inside
 from ecology.errors import nearest
-from ecology.ground import ground_of
 from ecology.lab.runs.folder import CHECKPOINT, CONFIG, KEPT
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import read_config, resolve
@@ -149,7 +149,7 @@ def _changed(
             )
         if isinstance(resource.motion, Oscillation):
             raise EcologyError(f"the resource {owner!r} oscillates between two places of its own; it cannot be moved.")
-        if not ground_of(env.scenario.arena).inside(np.array([place], float))[0]:
+        if not inside(env.scenario, np.array([place], float))[0]:
             raise EcologyError(f"the place {place!r} for the resource {owner!r} lies outside the arena.")
         arrays["resource_position"][patches[owner].start + int(number or 0)] = place
     return arrays
