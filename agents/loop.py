@@ -155,7 +155,7 @@ def pass_on_effect(env: Ecology, learners: Mapping[str, Learner], effect: Effect
 
 
 def _felt(group: Group, after: np.ndarray, tick: ScheduledTick) -> np.ndarray:
-    """Return the observations after a tick (n, D): with what the schedule did, of those who live through it unmoved."""
+    """Return the observations after a tick (n, D), after the events for agents that survive them and are not moved."""
     if not tick.felt:
         return after
     through = (tick.lived.alive & tick.alive & ~tick.born)[group.slots]

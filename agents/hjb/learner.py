@@ -299,7 +299,7 @@ class HJB(Learner):
         return (self.clock * self.group.dt).astype(np.float32)
 
     def _persist(self, slots: np.ndarray, chosen: np.ndarray, explores: np.ndarray, open_: np.ndarray) -> np.ndarray:
-        """Return the movements (k,) with explored walks gone on with; their lengths follow a zeta law.
+        """Return the movements (k,), where an explored walk continues; lengths of walks follow a zeta law.
 
         One step at random and then back to what is known explores a corner of the arena for ever
         (Dabney, Ostrovski and Barreto 2021, temporally extended epsilon-greedy exploration).
@@ -312,7 +312,7 @@ class HJB(Learner):
         return np.where(goes_on, onward, chosen)
 
     def _recruit(self, slots: np.ndarray, observations: np.ndarray) -> None:
-        """Give a place cell to those of `slots` who stand farther than the spacing from all of theirs."""
+        """Add a place cell for each of `slots` that is farther than the spacing from all of its cells."""
         at, here = self.device.on(slots), self.device.on(observations[:, self.encoding.place])  # (k), (k, 2)
         gap = ((self.cell_centre[at] - here[:, :, None]) ** 2).sum(1)  # (k, C)
         count = self.cell_count[at]

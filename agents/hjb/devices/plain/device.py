@@ -1,7 +1,7 @@
 """The plain reference: one agent after another, torch's own gradients and Adam, loops where they are clearest.
 
-The other devices are held to it by tests, and `ecology bench` compares their speed with it. It is slow: use it to check
-a change or to step through an update with a debugger.
+Tests compare the other devices with it, and `ecology bench` compares their speed. It is slow: use it to check a change
+or to step through an update with a debugger.
 """
 
 from __future__ import annotations
