@@ -707,7 +707,7 @@ def choice(**words):
 
 def test_a_decision_says_what_is_not_known():
     """A decision without learning, or looked at too late, is marked so; one without an end of its own has no length."""
-    from ecology.observers.drawing import decision_text
+    from ecology.observers.panels.decision import decision_text
 
     def head(**words):
         return decision_text(census.Choice(4_011, 4011.0, "agent_0", choice(**words))).splitlines()[0]
@@ -779,7 +779,7 @@ def test_following_changes_no_life():
 
 def test_shares_of_the_drive_add_up():
     """The shares of the needs add up to the own drive; one that is not regulated has none."""
-    from ecology.observers.drawing import drive_shares
+    from ecology.observers.panels.shares import drive_shares
 
     species, x = one().species[0], np.array([[0.1, -0.3, 0.2, 0.0, 0.1, 0.4], np.full(6, np.nan)])
     target = np.array([need.set_point for need in species.needs])

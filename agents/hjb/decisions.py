@@ -84,7 +84,7 @@ class DecisionRecord:
         if taken < 0:
             return None
         decision = dataclasses.replace(
-            self._weigh(slot, learner.execution.began[slot], learner.execution.was_open[slot]),
+            self._weigh(slot, learner.execution.began[slot].copy(), learner.execution.was_open[slot].copy()),
             taken=taken,
             explored=None if learner.explores[slot] < 0 else bool(learner.explores[slot]),
             age=int(learner.execution.elapsed[slot]),

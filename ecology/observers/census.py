@@ -239,6 +239,11 @@ class Life:
     field: Sequence[Floats]  # n outlines (k, 2) of the view field
     sight: Sequence[Floats]  # n times (k, 2), where lines of sight end
 
+    @property
+    def target(self) -> Floats:
+        """Return x* of every sample, (n, needs)."""
+        return np.broadcast_to(self.set_point, self.internal.shape)
+
 
 @dataclass
 class Focus:

@@ -23,10 +23,8 @@ from rerun.chunk import RrdReader
 from ecology import physiology
 from ecology.env import Ecology
 from ecology.observers import census, maps, shapes
-from ecology.observers.backdrop import open_life
 from ecology.observers.census import HUNGRIEST, Life, without_functions
-from ecology.observers.drawing import Drawing
-from ecology.observers.layout import blueprint
+from ecology.observers.layout import blueprint, life_panels
 from ecology.observers.readback import chunks, plain, recording_id
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.observers.viewer import merged
@@ -67,6 +65,7 @@ class Hindsight:
             grid=maps.cover(scenario.arena),
             run=name,
             every=int(np.diff(ticks[:2]).sum()) or 1,
+            maps_every=0,
             full=len(drives[0]) > 0,
             few=few,
         )
@@ -186,8 +185,9 @@ class Hindsight:
             field=field,
             sight=[np.empty((0, 2))] * len(row),
         )
-        open_life(rec, scene, name, species)
-        Drawing(rec, scene).draw_life(name, species, life)
+        for panel in life_panels(scene, name):
+            panel.open(rec)
+            panel.draw_life(rec, life)
         if scene.decides[name] and lives.any():
             self._decided(rec, name, who, ticks[row[lives]])
         return int(ticks[row[lives]][-1] if lives.any() else ticks[row[0]])

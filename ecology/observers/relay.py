@@ -18,8 +18,7 @@ import threading
 import rerun as rr
 
 from ecology.observers import proxy
-from ecology.observers.backdrop import open_scene
-from ecology.observers.drawing import Drawing
+from ecology.observers.drawing import Drawing, open_scene
 from ecology.observers.layout import blueprint
 from ecology.observers.scene import Scene
 from ecology.observers.viewer import LOOPBACK, free_port

@@ -1,6 +1,7 @@
 """The run in the Rerun viewer, live and as a recording: takes samples and sends them.
 
-What is drawn of them is told in drawing.py, where on the screen in layout.py; hindsight.py looks back at a recording.
+What is sampled and drawn is in panels/, a file each, where on the screen in layout.py; hindsight.py looks back at a
+recording.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ import rerun as rr
 from ecology.env import Ecology
 from ecology.errors import EcologyError
 from ecology.ground import plane_of
-from ecology.observers import census, maps, places, relay, shapes
-from ecology.observers.backdrop import open_scene
+from ecology.model import Group
+from ecology.observers import census, maps, relay, shapes
 from ecology.observers.base import Mind
-from ecology.observers.census import Census, Choice, Focus, Happening
+from ecology.observers.census import Census, Focus, Happening
 from ecology.observers.control import Control
-from ecology.observers.drawing import Drawing
-from ecology.observers.layout import blueprint
+from ecology.observers.drawing import Drawing, open_scene
+from ecology.observers.layout import blueprint, panels
+from ecology.observers.panels.base import Panel, Watch
 from ecology.observers.readback import recording_id
 from ecology.observers.recording_file import RecordingFile, cut
 from ecology.observers.scene import DEAD, FEW, Scene
@@ -52,7 +54,6 @@ SAMPLES = 256  # sent in one go, at most
 SECONDS_FILE, SECONDS_LIVE = 1.0, 0.25  # of the clock between two sendings, at most
 FOCUS_TICKS = 500  # after which the hungriest is looked for again
 SPARSE = 20  # samples between two age structures, and between two coupling matrices
-COUPLED = 128  # agents of a species whose coupling is drawn, at most
 TIDY = 2 * 2**30  # bytes up to which a recording is put in order at the end, by a process that takes as much memory
 DETAILS = ("full", "lean")
 
@@ -141,53 +142,64 @@ class RerunObserver:
                 at_end.callback(self._file.close)
 
     def _begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        state, scenario = env.state_view, env.scenario
-        self._env, self._minds, self._grid = env, minds, maps.cover(scenario.arena)
-        self._cells = places.grid_of(scenario.arena)
+        state = env.state_view
+        self._env, self._minds = env, minds
         self._focus, self._census = Focus.of(env, self._asked), Census(env, self._before)
         self._focus.look(state)
-        self._scene = scene = Scene(
-            scenario=census.without_functions(scenario),
-            groups={name: group for name, group in env.groups.items() if group.size},
-            names={name: self._focus.name(name) for name in env.groups},
-            first=self._focus.first,
-            told={name: tuple(minds[name].report()) for name in env.groups},
-            mapped={name: self._deviation(name) is not None for name in env.groups},
-            decides={name: bool(env.groups[name].size) and self._minds[name].decides for name in env.groups},
-            coupled=tuple(name for name in env.groups if env.coupling(name) is not None),
-            measures=census.plotted(scenario),
-            grows=env.open_population,
-            marks=tuple(shapes.marked(scenario)),
-            grid=self._grid,
-            run=self._name or scenario.name,
-            every=self._every,
-            full=(self._detail or ("full" if env.size <= FEW else "lean")) == "full",
-            few=env.size <= FEW,
-        )
+        self._scene = scene = self._make_scene(env, minds)
+        self._panels = panels(scene)
+        self._followers = [panel for panel in self._panels if type(panel).follow is not Panel.follow]
         goes_on = self._open(state.tick)
         if self._port:
             self._relays.append(relay.Relay(relay.SERVE, f"{self._host}:{self._port}", scene))
         if self._connect:
             self._relays.append(relay.Relay(relay.CONNECT, self._connect, scene))
         self._samples: list[dict[str, Any]] = []
-        self._steps: list[np.ndarray] = []
         self._happened: list[Happening] = []
-        self._told: set[str] = set()  # species whose focus is another since the last sample
-        self._past: dict[str, census.Past] = {name: census.Past() for name in scene.groups}
-        self._decided: dict[str, list[Choice]] = {name: [] for name in scene.groups}  # since the last sample
+        self._changed: set[str] = set()  # species whose focus is another since the last sample
         self._follow()
         self._since = time.monotonic()
-        self._next_map, self._sampled, self._shown, self._mapped_at = 0, 0, -1, state.tick
+        self._sampled, self._shown = 0, -1
         self._tick: Tick | None = None  # the last one
         self._did = (-1, -1)  # slot and action of the one that is shown first
         self._deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
         drawing = self._drawing
         self._drawing = None if goes_on else drawing  # a recording that goes on has this tick
-        self._sample(state, None)
-        self._map(state)
+        self._sample(self._look(state))
         self._send()
         self._drawing = drawing
         self._write()
+
+    def _make_scene(self, env: Ecology, minds: Mapping[str, Mind]) -> Scene:
+        """Return what is drawn of a world and its minds."""
+        scenario, grid, few = env.scenario, maps.cover(env.scenario.arena), env.size <= FEW
+        groups = env.groups
+        return Scene(
+            scenario=census.without_functions(scenario),
+            groups={name: group for name, group in groups.items() if group.size},
+            names={name: self._focus.name(name) for name in groups},
+            first=self._focus.first,
+            told={name: tuple(minds[name].report()) for name in groups},
+            mapped={name: self._has_maps(group, minds[name], grid) for name, group in groups.items()},
+            decides={name: bool(groups[name].size) and minds[name].decides for name in groups},
+            coupled=tuple(name for name in groups if env.coupling(name) is not None),
+            measures=census.plotted(scenario),
+            grows=env.open_population,
+            marks=tuple(shapes.marked(scenario)),
+            grid=grid,
+            run=self._name or scenario.name,
+            every=self._every,
+            maps_every=self._maps_every,
+            full=(self._detail or ("full" if few else "lean")) == "full",
+            few=few,
+        )
+
+    def _has_maps(self, group: Group, mind: Mind, grid: maps.Grid) -> bool:
+        if not group.size:
+            return False
+        row = max(self._focus.slots[group.name] - group.slots.start, 0)
+        species = self._env.scenario.species[group.index]
+        return maps.deviation_maps(species, group, mind, row, grid) is not None
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
@@ -197,18 +209,14 @@ class RerunObserver:
         self._refocus(state, anew=turned or state.tick % FOCUS_TICKS == 0)
         slots = np.array(list(self._focus.slots.values()), np.int64)
         self._happened += self._census.watch(state, tick, None if self._scene.few else slots[slots >= 0])
-        for name, past in self._past.items():
-            past.follow(self._focus.serials[name], state.drive[self._focus.slots[name]])
-        for name in self._scene.groups:
-            self._decide(name, state, sampled=sampled)
+        look = self._look(state, sampled=sampled, turned=turned)
+        for panel in self._followers:
+            panel.follow(look)
         if self._control and self._has_decided(state):
             self._control.decided()
         if not sampled:
-            self._steps.append(self._placed(state))
             return
-        self._sample(state, tick)
-        if turned or state.tick >= self._next_map:
-            self._map(state)
+        self._sample(look)
         wait = SECONDS_LIVE if self._relays else SECONDS_FILE
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
@@ -224,18 +232,17 @@ class RerunObserver:
         if not (turned or self._deeds or state.tick != self._shown):
             return
         self._refocus(state, anew=turned)
-        for name in self._scene.groups if self._tick is not None else ():
-            self._decided[name] = [each for each in self._decided[name] if each.tick != state.tick]
-            self._decide(name, state, sampled=True)
-        self._sample(state, self._tick)
-        if turned:
-            self._map(state)
+        look = self._look(state, turned=turned)
+        if self._tick is not None:
+            for panel in self._followers:
+                panel.follow(look)
+        self._sample(look)
         self._send()
 
     def _refocus(self, state: State, *, anew: bool) -> None:
         """Find who is in focus."""
         changed = self._focus.look(state, anew=anew)
-        self._told.update(changed)
+        self._changed.update(changed)
         if changed:
             self._follow()
 
@@ -278,11 +285,13 @@ class RerunObserver:
         with contextlib.ExitStack() as at_end:
             at_end.callback(self._close)
             state = self._env.state_view
-            if state.tick > self._mapped_at and state.tick % self._every == 0:
-                self._map(state)
+            look = self._look(state)
+            found = {panel.key: value for panel in self._panels if (value := panel.final(look)) is not None}
             if self._deeds:  # since the last sample
-                self._sample(state, self._tick)
+                self._sample(look)
             self._send()
+            if found:
+                self._show("draw_final", {"tick": state.tick, "time": state.time, "panels": found})
             self._write()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
@@ -323,23 +332,28 @@ class RerunObserver:
 
     # ---- what a sample holds ---------------------------------------------------------------
 
-    def _placed(self, state: State) -> np.ndarray:
-        """Return where those with a trail are, (k, 2): every slot, or one focus per species; the dead are nowhere."""
-        if self._scene.few:
-            return np.where(state.alive[:, None], state.position, np.nan).astype(np.float32)
-        slots = np.array([self._focus.slots[name] for name in self._scene.groups])
-        return np.where((slots >= 0)[:, None], state.position[slots], np.nan).astype(np.float32)
+    def _look(self, state: State, *, sampled: bool = True, turned: bool = False) -> Watch:
+        """Return what panels take their samples from."""
+        sparse = self._sampled == 0 or state.tick % (SPARSE * self._every) == 0
+        return Watch(
+            env=self._env,
+            minds=self._minds,
+            scene=self._scene,
+            focus=self._focus,
+            census=self._census,
+            state=state,
+            tick=self._tick,
+            sampled=sampled,
+            sparse=sparse,
+            turned=turned,
+            changed=frozenset(self._changed),
+            happened=self._happened,
+            deeds=self._deeds,
+        )
 
-    def _sample(self, state: State, tick: Tick | None) -> None:
-        """Copy what a sample shows; without a tick, the world as it stands before one."""
-        alive, scene = state.alive, self._scene
-        self._steps.append(self._placed(state))
-        told = {}
-        for name, group in scene.groups.items():
-            report = self._minds[name].report() if scene.told[name] else {}
-            living = alive[group.slots]
-            known = [np.asarray(report.get(word, np.nan)) * np.ones(len(living)) for word in scene.told[name]]
-            told[name] = np.array([census.mean(value[living]) for value in known], dtype=float)
+    def _sample(self, look: Watch) -> None:
+        """Copy what a sample shows; before the first tick, the world as it stands."""
+        state, tick, alive = look.state, look.tick, look.state.alive
         acted = alive if tick is not None else alive & (state.tick > 0)
         sample = {
             "tick": state.tick,
@@ -351,37 +365,21 @@ class RerunObserver:
             "reward": np.where(alive, 0.0 if tick is None else tick.reward, np.nan).astype(np.float32),
             "serial": state.serial.astype(np.int32),
             "action": np.where(acted, state.action, DEAD).astype(np.uint8),
-            "steps": np.stack(self._steps),  # (ticks since the last sample, k, 2)
-            "fields": places.levels(self._env.world.model, state, self._cells) if scene.scenario.fields else {},
-            "doors": places.closed_doors(scene.scenario.arena, state.doors),
-            "resources": shapes.patches(scene.scenario, state).astype(np.float32),
-            "stock": shapes.fullness(scene.scenario, state).astype(np.float32),
-            "told": told,
-            "happened": self._happened,
-            "deeds": self._deeds,
-            "focus": {name: self._look(name, state, tick) for name in scene.groups},
-            "born": self._census.born.copy(),
-            "died": self._census.died.copy(),
-            "stocks": census.stocks(scene.scenario, state),
-            "measures": census.measured(self._env.scenario, state),
+            "focus": {name: self._in_focus(name, state) for name in self._scene.groups},
         }
         if state.set_point is not None:
             sample["set_point"] = np.where(alive[:, None], state.set_point, np.nan).astype(np.float32)
-        if self._sampled == 0 or state.tick % (SPARSE * self._every) == 0:  # by the tick: a run that is resumed, too
-            sample["ages"] = {name: census.ages(state.age[g.slots][alive[g.slots]]) for name, g in scene.groups.items()}
-            sample["traits"] = census.histograms(scene.scenario, state)
-            sample["coupling"] = {name: self._coupling(name, state) for name in scene.coupled}
+        sample["panels"] = {panel.key: panel.sample(look) for panel in self._panels}
         self._samples.append(sample)
         self._sampled += 1
         self._shown, self._deeds = state.tick, []
-        self._steps, self._happened, self._told = [], [], set()
-        self._decided = {name: [] for name in scene.groups}
+        self._happened, self._changed = [], set()
 
-    def _look(self, name: str, state: State, tick: Tick | None) -> dict[str, Any]:
-        """Return what is shown of the agent in focus of a species."""
-        slot, past = self._focus.slots[name], self._past[name]
+    def _in_focus(self, name: str, state: State) -> dict[str, Any]:
+        """Return who is in focus of a species, and what it sees."""
+        slot = self._focus.slots[name]
         species = self._scene.scenario.species[self._scene.groups[name].index]
-        shown: dict[str, Any] = {"slot": slot, "name": self._focus.name(name), "anew": name in self._told}
+        shown: dict[str, Any] = {"slot": slot, "name": self._focus.name(name), "anew": name in self._changed}
         if slot < 0:
             return shown
         seen = np.concatenate([state.resource_position[state.seen[slot]], state.position[self._env.sighted(slot)]])
@@ -389,13 +387,6 @@ class RerunObserver:
         shown["sight"] = state.position[slot] + gap
         shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]))
         shown["own"] = float(state.own_drive[slot])
-        shown["choices"] = self._decided[name]
-        if tick is not None and self._decided[name]:
-            decision, row = self._decided[name][-1].decision, slot - self._scene.groups[name].slots.start
-            value = self._minds[name].deviation(row, tick.observations[name][row : row + 1])
-            shown["J"] = decision.value if value is None else float(value[0])
-            shown["error"] = np.asarray(decision.error, float)
-            shown["met"] = past.judge(state.tick, state.time, float(decision.gamma), self._env.dt)
         return shown
 
     def _follow(self) -> None:
@@ -404,15 +395,6 @@ class RerunObserver:
             if self._scene.decides[name]:
                 slot = self._focus.slots[name]
                 self._minds[name].follow([slot - group.slots.start] if slot >= 0 else [])
-
-    def _decide(self, name: str, state: State, *, sampled: bool) -> None:
-        """Note the decision of the focus of a species at a sample, and where it has just been made."""
-        slot = self._focus.slots[name]
-        if slot < 0 or not self._scene.decides[name]:
-            return
-        decision = self._minds[name].decision(slot - self._scene.groups[name].slots.start)
-        if decision is not None and (sampled or decision.age == 1):
-            self._decided[name].append(Choice(state.tick, state.time, self._focus.name(name), decision))
 
     @property
     def focus(self) -> str:
@@ -431,31 +413,6 @@ class RerunObserver:
             made = self._minds[name].decision(slot - self._scene.groups[name].slots.start)
             return made is not None and made.age == 1
         return self._did != before
-
-    def _coupling(self, name: str, state: State) -> np.ndarray | None:
-        """Return the weights with which the first living feel the first living of each species, (n, m)."""
-        found = self._env.coupling(name)
-        if found is None:
-            return None
-        weight, others = found
-        rows = np.flatnonzero(state.alive[self._scene.groups[name].slots])[:COUPLED]
-        living = [others[(others >= g.slots.start) & (others < g.slots.stop)] for g in self._scene.groups.values()]
-        columns = np.searchsorted(others, np.concatenate([slots[state.alive[slots]][:COUPLED] for slots in living]))
-        return weight[np.ix_(rows, columns)].astype(np.float32) if rows.size and columns.size else None
-
-    def _deviation(self, name: str) -> np.ndarray | None:
-        group, slot = self._env.groups[name], self._focus.slots[name]
-        if not group.size:
-            return None
-        species = self._env.scenario.species[group.index]
-        return maps.deviation_maps(species, group, self._minds[name], max(slot - group.slots.start, 0), self._grid)
-
-    def _map(self, state: State) -> None:
-        """Draw the deviation maps of the agents in focus as they are."""
-        self._next_map, self._mapped_at = state.tick + self._maps_every, state.tick
-        for name, there in self._scene.mapped.items():
-            if there and self._focus.slots[name] >= 0:
-                self._show("draw_maps", state.tick, state.time, name, self._deviation(name))
 
     def _send(self) -> None:
         samples, self._samples = self._samples, []

@@ -41,6 +41,7 @@ class Scene:
     grid: maps.Grid
     run: str
     every: int
+    maps_every: int
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
     chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead

@@ -1,0 +1,62 @@
+"""The age structure of every species."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers import census
+from ecology.observers.panels.base import NO_LEGEND, Batch, Panel, Watch, set_times
+
+
+class Bars(Panel):
+    """Draws distributions as bars, now and then; a subclass says of what."""
+
+    entity: str  # below it, one for every name in its samples
+
+    def is_there(self) -> bool:
+        """Return whether there is more to be shown than one agent."""
+        return self.scene.crowd
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Draw those that were sampled: middles of the classes, their width and their numbers by name."""
+        for s, found in zip(batch.samples, batch.of(self), strict=True):
+            if not found:
+                continue
+            set_times(rec, s["tick"], s["time"])
+            for name, (middle, width, number) in found.items():
+                shade, wide = self.scene.colour(name.partition("/")[0]), np.full(len(middle), 0.9 * width)
+                bars = rr.BarChart(number, abscissa=middle - wide / 2, widths=wide, color=shade)
+                rec.log(f"{self.entity}/{name}", bars)
+
+
+def bar_views(entity: str, titles: Sequence[tuple[str, str]]) -> list[rrb.View | rrb.Container]:
+    """Return a chart for each name and title, side by side or, of many, one behind the other."""
+    bars = [rrb.BarChartView(origin=f"/{entity}/{n}", name=title, plot_legend=NO_LEGEND) for n, title in titles]
+    return [rrb.Horizontal(*bars) if len(bars) <= 3 else rrb.Tabs(*bars)] if bars else []
+
+
+class Ages(Bars):
+    """Draws the ages of the living."""
+
+    entity = "population/ages"
+
+    def sample(self, watch: Watch) -> Any:
+        """Return the classes by species."""
+        if not watch.sparse:
+            return None
+        found, state = {}, watch.state
+        for name, g in self.scene.groups.items():
+            middle, number = census.ages(state.age[g.slots][state.alive[g.slots]])
+            found[name] = middle, 2 * middle[0], number
+        return found
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return a chart per species where ages matter."""
+        if not (self.scene.grows or any(s.hazard for s in self.scene.scenario.species)):
+            return []
+        return bar_views(self.entity, [(name, f"ages of {name}, time") for name in self.scene.groups])

@@ -1,0 +1,267 @@
+"""What a panel is: one thing that a recording shows, from its sample in the run to its views on the screen."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.decision import Decision
+from ecology.env import Ecology
+from ecology.observers import census, colours
+from ecology.observers.base import Mind
+from ecology.observers.census import Census, Focus, Happening, Life
+from ecology.observers.scene import DEAD, INK, Scene
+from ecology.spec import Species
+from ecology.state import State
+from ecology.world import Tick
+
+STATE_TICKS = 1_000  # of the internal state on the first screen
+
+
+@dataclass
+class Watch:
+    """What panels take their samples from: a run after a tick, and who is in focus."""
+
+    env: Ecology
+    minds: Mapping[str, Mind]
+    scene: Scene
+    focus: Focus
+    census: Census
+    state: State
+    tick: Tick | None  # None before the first one
+    sampled: bool  # whether a sample is taken at this tick
+    sparse: bool = False  # whether what changes slowly is sampled too
+    turned: bool = False  # whether somebody asked for another focus
+    changed: frozenset[str] = frozenset()  # species whose focus is another since the last sample
+    happened: Sequence[Happening] = ()  # since the last sample
+    deeds: Sequence[tuple[int, float, str]] = ()  # interventions since the last sample: tick, time, what was done
+
+    def row(self, name: str) -> int:
+        """Return the slot of a species' focus within its species, -1 without one."""
+        slot = self.focus.slots[name]
+        return slot - self.scene.groups[name].slots.start if slot >= 0 else -1
+
+    def decision(self, name: str) -> Decision | None:
+        """Return the decision that the focus of a species acts on, None where there is none."""
+        row = self.row(name)
+        return self.minds[name].decision(row) if row >= 0 and self.scene.decides[name] else None
+
+
+class Batch:
+    """Samples in a row, as panels draw them."""
+
+    def __init__(self, scene: Scene, samples: Sequence[Mapping[str, Any]]) -> None:
+        self.scene, self.samples = scene, samples
+        self.ticks = np.array([s["tick"] for s in samples])
+        self.times = time_columns(self.ticks, np.array([s["time"] for s in samples]))
+
+    def of(self, panel: Panel) -> list[Any]:
+        """Return what a panel sampled, n."""
+        return [s["panels"].get(panel.key) for s in self.samples]
+
+    def at(self, rows: Sequence[int] | np.ndarray) -> list[rr.TimeColumn]:
+        """Return the times of some samples."""
+        return time_columns(
+            np.array([self.samples[int(i)]["tick"] for i in rows]),
+            np.array([self.samples[int(i)]["time"] for i in rows]),
+        )
+
+    @functools.cached_property
+    def column(self) -> dict[str, np.ndarray]:
+        """Return what every sample holds of all slots, by name, (n, N, ...)."""
+        keys = ("tick", "time", "place", "heading", "internal", "drive", "reward", "serial", "action")
+        found = {key: np.stack([s[key] for s in self.samples]) for key in keys}
+        if "set_point" in self.samples[0]:
+            found["set_point"] = np.stack([s["set_point"] for s in self.samples])
+        return found
+
+    def life(self, name: str) -> Life:
+        """Return the life of a species' focus."""
+        if name not in self._lives:
+            self._lives[name] = self._life(name)
+        return self._lives[name]
+
+    @functools.cached_property
+    def _lives(self) -> dict[str, Life]:
+        return {}
+
+    def _life(self, name: str) -> Life:
+        group, column = self.scene.groups[name], self.column
+        species = self.scene.scenario.species[group.index]
+        shown = [s["focus"][name] for s in self.samples]
+        n, slot = np.arange(len(shown)), np.array([f["slot"] for f in shown])
+        gap = np.where((slot < 0) | [f["anew"] for f in shown], np.nan, 0.0)  # a series breaks between two lives
+        many, needs = group.size > 1, len(species.needs)
+        moving = "set_point" in column
+        return Life(
+            tick=column["tick"],
+            time=column["time"],
+            internal=column["internal"][n, slot][:, :needs] + gap[:, None],
+            set_point=column["set_point"][n, slot][:, :needs]
+            if moving
+            else np.array([need.set_point for need in species.needs]),
+            drive=column["drive"][n, slot] + gap,
+            own=np.array([f.get("own", np.nan) for f in shown]) + gap if species.empathy is not None else None,
+            mean=np.array([census.mean(row) for row in column["drive"][:, group.slots]]) if many else None,
+            reward=column["reward"][n, slot] + gap,
+            action=np.where(slot < 0, DEAD, column["action"][n, slot]),
+            place=np.where((slot < 0)[:, None], np.nan, column["place"][n, slot]),
+            names=[f["name"] for f in shown],
+            field=[f.get("field", np.empty((0, 2))) for f in shown],
+            sight=[f.get("sight", np.empty((0, 2))) for f in shown],
+        )
+
+
+class Panel:
+    """One thing that a recording shows. A subclass defines only what it needs, and has its place in layout.py."""
+
+    each = False  # whether there is one for every species
+
+    def __init__(self, scene: Scene, name: str = "") -> None:
+        """Be a panel of `scene`, of the species `name` where there is one for each."""
+        self.scene, self.name = scene, name
+        self.key = f"{type(self).__name__} {name}".strip()
+
+    @property
+    def species(self) -> Species:
+        """Return the species that the panel is of."""
+        return self.scene.scenario.species[self.scene.groups[self.name].index]
+
+    @property
+    def base(self) -> str:
+        """Return the entity below which the life of the species' focus is drawn."""
+        return self.scene.at(self.name)
+
+    def is_there(self) -> bool:
+        """Return whether the scene has anything for it to show."""
+        return True
+
+    def follow(self, watch: Watch) -> None:
+        """Look at the run after every tick."""
+        return
+
+    def sample(self, watch: Watch) -> Any:
+        """Return what a sample holds for it, plain data, None of nothing; the run goes on in the meantime."""
+        return None
+
+    def final(self, watch: Watch) -> Any:
+        """Return what is to be drawn at the end of the run, when its last sample has been taken."""
+        return None
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Draw what does not change: names, colours."""
+        return
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Draw samples."""
+        return
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return what the screen shows of it, none for a layer of the arena."""
+        return []
+
+    def overrides(self) -> dict[Any, Any]:
+        """Return how the arena shows its entities otherwise than they are recorded; of a layer."""
+        return {}
+
+
+class LifePanel(Panel):
+    """A panel of the life of a species' focus, or of any agent after the fact."""
+
+    each = True
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Draw the life that the samples hold."""
+        self.draw_life(rec, batch.life(self.name))
+
+    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+        """Draw a life."""
+        return
+
+
+# ---- how panels draw ------------------------------------------------------------------------
+
+# the whole timeline; by itself a view takes the width of the others
+ALWAYS = rrb.TimeAxis(
+    link="Independent",
+    view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()),
+)
+LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
+NO_LEGEND = rrb.PlotLegend(visible=False)
+
+
+def time_columns(ticks: np.ndarray, times: np.ndarray) -> list[rr.TimeColumn]:
+    """Return the two timelines of samples."""
+    return [rr.TimeColumn("tick", sequence=ticks), rr.TimeColumn("sim_time", duration=times)]
+
+
+def scalars(rec: rr.RecordingStream, entity: str, times: list[rr.TimeColumn], value: np.ndarray) -> None:
+    """Send `value` (n, K) as K series."""
+    rows, each = value.shape
+    rec.send_columns(entity, times, rr.Scalars.columns(scalars=value.reshape(-1)).partition([each] * rows))
+
+
+def series(
+    rec: rr.RecordingStream,
+    entity: str,
+    words: Sequence[str],
+    shades: Sequence[colours.Colour],
+    widths: Sequence[float] | None = None,
+) -> None:
+    """Name and colour the series of an entity."""
+    several = [shades[i % len(shades)] for i in range(len(words))]
+    lines = rr.SeriesLines(names=list(words), colors=several, widths=widths or [1.5] * len(words))
+    rec.log(entity, lines, static=True)
+
+
+def lay(rec: rr.RecordingStream, entity: str, corner: tuple[float, float], cell: tuple[float, float]) -> None:
+    """Lay the images of `entity` on the plane: lower left corner, size of a pixel."""
+    rec.log(entity, rr.Transform3D(translation=[*corner, 0], scale=[*cell, 1]), static=True)
+
+
+def text(places: Any, words: Sequence[str], shades: Sequence[colours.Colour]) -> tuple[rr.Points2D]:
+    """Return words just below `places` (n, 2)."""
+    return (rr.Points2D(places, radii=1e-4, labels=list(words), colors=shades, show_labels=True, draw_order=30),)
+
+
+def write(rec: rr.RecordingStream, entity: str, places: Any, words: Sequence[str]) -> None:
+    """Write words just below `places` (n, 2), for good."""
+    rec.log(entity, *text(places, words, [INK] * len(words)), static=True)
+
+
+def set_times(rec: rr.RecordingStream, tick: int, time: float) -> None:
+    """Let what is logged next be of a tick."""
+    rec.set_time("tick", sequence=tick)
+    rec.set_time("sim_time", duration=float(time))
+
+
+def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None) -> rrb.TimeSeriesView:
+    """Return a view of series over the whole run."""
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=LEGEND, axis_x=ALWAYS, overrides=overrides)
+
+
+def bounds(scene: Scene, below: float, above: float) -> rrb.VisualBounds2D:
+    """Return the arena and a margin, shares of its size, in the view's plane: y mirrored."""
+    low, high = np.array(scene.scenario.arena.extent, float)
+    size = float((high - low).max())
+    return rrb.VisualBounds2D(
+        x_range=[low[0] - 0.06 * size, high[0] + 0.03 * size],
+        y_range=[-high[1] - above * size, -low[1] + below * size],
+    )
+
+
+def last(ticks: int, dt: float) -> rrb.VisibleTimeRanges:
+    """Return the range of the last `ticks` ticks on both timelines."""
+    at = rrb.TimeRangeBoundary.cursor_relative
+    return rrb.VisibleTimeRanges(
+        [
+            rrb.VisibleTimeRange("tick", start=at(seq=-ticks), end=at(seq=0)),
+            rrb.VisibleTimeRange("sim_time", start=at(seconds=-ticks * dt), end=at(seconds=0)),
+        ]
+    )

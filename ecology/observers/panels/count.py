@@ -1,0 +1,32 @@
+"""How many of every species live."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers.panels.base import Batch, Panel, plot, scalars, series
+
+
+class Count(Panel):
+    """Draws a curve per species."""
+
+    def is_there(self) -> bool:
+        """Return whether there is more to be shown than one agent."""
+        return self.scene.crowd
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Name and colour the curves."""
+        names = list(self.scene.groups)
+        series(rec, "population/count", names, [self.scene.colour(name) for name in names], [2.0] * len(names))
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Draw them."""
+        drive = batch.column["drive"]
+        count = [np.isfinite(drive[:, g.slots]).sum(axis=1).astype(float) for g in self.scene.groups.values()]
+        scalars(rec, "population/count", batch.times, np.stack(count, axis=1))
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return the plot."""
+        return [plot("/population/count", "living, number")]

@@ -1,0 +1,65 @@
+"""The event log: who was born, died, bit, gave, ate, slept, and what was done from outside."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers import census, colours
+from ecology.observers.panels.base import Batch, Panel, Watch, time_columns
+from ecology.observers.scene import FAINT, MARKED
+
+LINES = {True: 20, False: 5}  # per kind and sample, of few agents and of many; the rest is counted
+DEED = 0xFFD23FFF  # colour of an intervention
+
+
+class Events(Panel):
+    """Writes every event of a few agents, of many the first of each kind, and how many more."""
+
+    def sample(self, watch: Watch) -> Any:
+        """Return what happened, and what was done from outside."""
+        return watch.happened, watch.deeds
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Write the lines."""
+        found = batch.of(self)
+        deeds = [deed for _, some in found for deed in some]
+        if deeds:
+            self._write(rec, "interventions", [(*deed[:2], "intervention", deed[2]) for deed in deeds])
+        for name in self.scene.groups:
+            rows: list[tuple[int, float, str, str]] = []
+            for s, (happened, _) in zip(batch.samples, found, strict=True):
+                rows += self._rows(name, s, happened)
+            if rows:
+                self._write(rec, name, rows)
+
+    def _rows(self, name: str, s: Any, happened: Any) -> list[tuple[int, float, str, str]]:
+        """Return the lines of a species of one sample: tick, time, kind, words."""
+        groups, group, focus = list(self.scene.groups.values()), self.scene.groups[name], s["focus"][name]
+        rows = [(s["tick"], s["time"], "focus", f"now in focus: {focus['name']}")] if focus["anew"] else []
+        most, left = LINES[self.scene.few], dict[str, int]()
+        for event in happened:
+            mine = (event.slot >= group.slots.start) & (event.slot < group.slots.stop)
+            for i in np.flatnonzero(mine):
+                left[event.kind] = left.get(event.kind, 0) + 1
+                if left[event.kind] <= most:
+                    words = census.words(self.scene.scenario, groups, event, int(i))
+                    rows.append((event.tick, event.time, event.kind, words))
+        more = {kind: many - most for kind, many in left.items() if many > most}
+        return rows + [(s["tick"], s["time"], kind, f"and {many} more {name} {kind}") for kind, many in more.items()]
+
+    def _write(self, rec: rr.RecordingStream, name: str, rows: list[tuple[int, float, str, str]]) -> None:
+        ticks, nows, kinds, texts = zip(*rows, strict=True)
+        shades = colours.packed(np.array([MARKED.get(kind, FAINT) for kind in kinds], np.uint8))
+        if name == "interventions":
+            shades = np.full(len(rows), DEED, np.uint32)
+        lines = rr.TextLog.columns(text=texts, level=kinds, color=shades)
+        rec.send_columns(f"events/{name}", time_columns(np.array(ticks), np.array(nows)), lines)
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return the log."""
+        columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+        return [rrb.TextLogView(origin="/events", name="events", columns=columns)]

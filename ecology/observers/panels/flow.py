@@ -1,0 +1,41 @@
+"""How many of every species were born and have died so far."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers import colours
+from ecology.observers.panels.base import Batch, Panel, Watch, plot, scalars, series
+
+
+class Flow(Panel):
+    """Draws two curves per species."""
+
+    def is_there(self) -> bool:
+        """Return whether there is more to be shown than one agent."""
+        return self.scene.crowd
+
+    def sample(self, watch: Watch) -> Any:
+        """Return births and deaths by species, (2 S,)."""
+        index = [group.index for group in self.scene.groups.values()]
+        return np.concatenate([watch.census.born[index], watch.census.died[index]]).astype(float)
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Name and colour the curves."""
+        names, shades = list(self.scene.groups), [self.scene.colour(name) for name in self.scene.groups]
+        dim = [colours.shaded(shade, 0.55) for shade in shades]
+        series(rec, "population/flow", [f"{n} born" for n in names] + [f"{n} died" for n in names], shades + dim)
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Draw them."""
+        scalars(rec, "population/flow", batch.times, np.stack(batch.of(self)))
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return the plot where anybody can be born or die."""
+        if not (self.scene.grows or "died" in self.scene.marks):
+            return []
+        return [plot("/population/flow", "born and died so far, number")]

@@ -1,0 +1,36 @@
+"""The scenario's own measures, its cues and the means of traits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers import census, colours
+from ecology.observers.panels.base import Batch, Panel, Watch, plot, scalars, series
+
+
+class Measures(Panel):
+    """Draws a curve for each."""
+
+    def is_there(self) -> bool:
+        """Return whether there are any, in a world of several."""
+        return self.scene.crowd and bool(self.scene.measures)
+
+    def sample(self, watch: Watch) -> Any:
+        """Return their values, (K,)."""
+        return census.measured(watch.env.scenario, watch.state)
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Name and colour the curves."""
+        series(rec, "population/measures", self.scene.measures, colours.PALETTE)
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Draw them."""
+        scalars(rec, "population/measures", batch.times, np.stack(batch.of(self)))
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return the plot."""
+        return [plot("/population/measures", "measures and cues of the scenario")]

@@ -1,0 +1,53 @@
+"""Every need of the agent in focus, with its set point and its bounds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers import colours
+from ecology.observers.census import Life
+from ecology.observers.panels.base import NO_LEGEND, STATE_TICKS, LifePanel, last, scalars, series, time_columns
+from ecology.observers.scene import FAINT, INK
+
+
+class Needs(LifePanel):
+    """Draws a plot per need."""
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Name and colour the series: the need, set point, lower and upper bound, for each."""
+        words, lines, needs = [], [], self.species.needs
+        for i, need in enumerate(needs):
+            words += [need.name, "set point", "lower bound", "upper bound"]
+            lines += [colours.need_colour(i), INK, FAINT, FAINT]
+        series(rec, f"{self.base}/needs", words, lines, [2.0, 1.0, 1.0, 1.0] * len(needs))
+
+    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+        """Draw them."""
+        x, n = life.internal, len(life.tick)
+        bounds = np.array([(need.low, need.bounds[1]) for need in self.species.needs])
+        bounds[~np.isfinite(bounds)] = np.nan
+        beside = np.concatenate([life.target[..., None], np.broadcast_to(bounds, (n, *bounds.shape))], axis=-1)
+        value = np.concatenate([x[..., None], beside], axis=-1).reshape(n, -1)
+        scalars(rec, f"{self.base}/needs", time_columns(life.tick, life.time), value)
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return a plot per need: the variable against its set point and its bounds."""
+        needs, views = self.species.needs, []
+        for i, need in enumerate(needs):
+            shown = [i == k // 4 for k in range(4 * len(needs))]
+            views.append(
+                rrb.TimeSeriesView(
+                    origin=f"/{self.base}/needs",
+                    name=f"{need.name} (x* {need.set_point:g}{', moves' * (need.set_range is not None)})",
+                    time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+                    plot_legend=NO_LEGEND,
+                    overrides={f"{self.base}/needs": rr.SeriesLines.from_fields(visible_series=shown)},
+                )
+            )
+        who = self.scene.who(self.name)
+        title = f"{who}: every need with x* (white) and bounds (grey); last {STATE_TICKS} ticks"
+        return [rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)]

@@ -1,0 +1,43 @@
+"""The arena itself: floor, walls and axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from ecology.ground.outline import drawn_lines
+from ecology.observers import maps
+from ecology.observers.panels.base import Panel, lay, write
+from ecology.observers.scene import BACKGROUND, FAINT, FLOOR, WALL
+
+
+class Plane(Panel):
+    """Lays out the plane with y upwards, and draws what stands in it for good."""
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Draw the arena."""
+        scene, arena = self.scene, self.scene.scenario.arena
+        rec.log("world", rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), static=True)
+        corners, shade = np.array(arena.vertices, float), FAINT if arena.torus else WALL
+        rec.log("world/walls", rr.LineStrips2D(drawn_lines(arena), colors=[shade], draw_order=5), static=True)
+        fine = maps.cover(arena, 400)
+        floor = np.where(fine.inside[..., None], FLOOR, BACKGROUND).astype(np.uint8)
+        lay(rec, "world/floor", fine.corner, (fine.cell, fine.cell))
+        rec.log("world/floor", rr.Image(floor, draw_order=-30), static=True)
+        # axes: a number at round places below and left of the arena
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        step = _round_step(scene.size / 8)
+        spots, words = [], []
+        for axis in range(2):
+            for value in np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step):
+                place = low - 0.035 * scene.size
+                place[axis] = value
+                spots.append(place)
+                words.append(f"{'xy'[axis]} {value:g}" if value == low[axis] else f"{value:g}")
+        write(rec, "world/axes", spots, words)
+
+
+def _round_step(least: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, at least `least`."""
+    power = 10.0 ** np.floor(np.log10(least))
+    return float(power * next(m for m in (1, 2, 5, 10) if m * power >= least * (1 - 1e-9)))

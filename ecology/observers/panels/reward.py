@@ -1,0 +1,36 @@
+"""The reward of the agent in focus."""
+
+from __future__ import annotations
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers import colours
+from ecology.observers.census import Life
+from ecology.observers.panels.base import NO_LEGEND, STATE_TICKS, LifePanel, last, scalars, series, time_columns
+
+
+class Reward(LifePanel):
+    """Draws the reward of the last ticks."""
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Name and colour the curve."""
+        series(rec, f"{self.base}/reward", ["reward"], [colours.PALETTE[1]])
+
+    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+        """Draw it, where it is known."""
+        if life.reward is not None:
+            scalars(rec, f"{self.base}/reward", time_columns(life.tick, life.time), life.reward[:, None])
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return the plot; after the fact, of many, no rewards are known."""
+        if not self.scene.full and self.name in self.scene.chosen:
+            return []
+        return [
+            rrb.TimeSeriesView(
+                origin=f"/{self.base}/reward",
+                name=f"reward, last {STATE_TICKS} ticks",
+                time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+                plot_legend=NO_LEGEND,
+            )
+        ]
