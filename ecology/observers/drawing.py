@@ -19,6 +19,9 @@ panels/, say what is sampled and drawn:
                             log10; of the focus: f's error, J, and the discounted drive met afterwards
     population/{count,flow,drive,stocks,measures}, population/ages/SPECIES, population/coupling/SPECIES
     events/SPECIES          TextLog: who was born, died, bit, gave, ate, slept
+    minds/AGENT/decision    of every agent where there are few: its decisions, as they were made
+    fork/...                arena and decisions of the other future, where the run was forked while it was watched
+    futures/{living,drive,apart,text}   both futures in one picture, and what differs
     events/interventions    TextLog: what was done from outside
 
 Timelines: "tick", and "sim_time" (one unit of the model's time shown as one second). A slot is taken
@@ -31,12 +34,13 @@ mirrors y, turns the picture, so that y points up on the screen and numbers read
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import rerun as rr
 
-from ecology.observers.layout import blueprint, panels
-from ecology.observers.panels.base import Batch
+from ecology.observers.layout import FORK, FORKED, blueprint, panels
+from ecology.observers.panels.base import Batch, Panel
+from ecology.observers.panels.futures import Futures
 from ecology.observers.scene import Scene
 
 
@@ -55,12 +59,21 @@ class Drawing:
         """Begin to draw `scene` in `rec`, where `open_scene` has drawn what does not change."""
         self._rec, self._scene = rec, scene
         self._panels = panels(scene)
+        self._fork: tuple[Scene, list[Panel]] | None = None
+        self._futures: Futures | None = None
 
     def draw(self, samples: Sequence[Mapping[str, Any]]) -> None:
         """Send samples, in columns."""
         batch = Batch(self._scene, samples)
         for panel in self._panels:
             panel.draw(self._rec, batch)
+        both = [s for s in samples if "fork" in s]
+        if both and self._fork is not None and self._futures is not None:
+            scene, there = self._fork
+            other = Batch(scene, [s["fork"] for s in both])
+            for panel in there:
+                panel.draw(cast(rr.RecordingStream, Below(self._rec, FORKED)), other)
+            self._futures.draw(self._rec, Batch(self._scene, both))
 
     def draw_final(self, sample: Mapping[str, Any]) -> None:
         """Send what panels draw at the end of the run beside its last sample."""
@@ -69,7 +82,31 @@ class Drawing:
             if panel.key in sample["panels"]:
                 panel.draw(self._rec, batch)
 
+    def open_fork(self, scene: Scene) -> None:
+        """Begin to draw the other future of the run, whose scene is `scene`, below the entity "fork"."""
+        self._scene.fork = scene.run
+        self._fork, self._futures = (scene, panels(scene, FORK)), Futures(self._scene)
+        for panel in self._fork[1]:
+            panel.open(cast(rr.RecordingStream, Below(self._rec, FORKED)))
+        self._futures.open(self._rec)
+
     def lay_out(self, first: str | None) -> None:
         """Show the life of the species `first` first from now on."""
         self._scene.first = first
         self._rec.send_blueprint(blueprint(self._scene))
+
+
+class Below:
+    """A recording in which all that is drawn lies below one entity."""
+
+    def __init__(self, rec: rr.RecordingStream, entity: str) -> None:
+        self._rec, self._entity = rec, entity
+        self.set_time = rec.set_time
+
+    def log(self, entity: str, *what: Any, **how: Any) -> None:
+        """Log something."""
+        self._rec.log(f"{self._entity}/{entity}", *what, **how)
+
+    def send_columns(self, entity: str, *what: Any) -> None:
+        """Log columns."""
+        self._rec.send_columns(f"{self._entity}/{entity}", *what)

@@ -24,7 +24,7 @@ from ecology import physiology
 from ecology.env import Ecology
 from ecology.observers import census, maps, shapes
 from ecology.observers.census import HUNGRIEST, Life, without_functions
-from ecology.observers.layout import blueprint, life_panels
+from ecology.observers.layout import FORKED, blueprint, life_panels
 from ecology.observers.readback import chunks, plain, recording_id
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.observers.viewer import merged
@@ -66,6 +66,7 @@ class Hindsight:
             run=name,
             every=int(np.diff(ticks[:2]).sum()) or 1,
             maps_every=0,
+            fork=self._fork_name() if f"/{FORKED}/world/walls" in there else "",
             full=len(drives[0]) > 0,
             few=few,
         )
@@ -79,10 +80,13 @@ class Hindsight:
                 return f"{name}_{serial}" if serial >= 0 else None
         return None
 
-    def hear(self, click: Click) -> bytes | None:
-        """Return the layer of whom a click means, None of anything else."""
+    def hear(self, click: Click) -> bytes | str | None:
+        """Return the layer of whom a click means, or words that it means nobody."""
         name = self.who(click)
-        return self.layer(name) if name is not None and self._scene.crowd else None
+        if name is None:
+            when = "then" if click.tick is None else f"at tick {click.tick:,.0f}"
+            return f"Nobody was there {when}: click a body, or press f and write a name."
+        return self.layer(name) if self._scene.crowd else None
 
     def named(self, word: str) -> bytes | None:
         """Return the layer of an agent by name; EcologyError for one that the recording does not hold."""
@@ -194,13 +198,18 @@ class Hindsight:
 
     def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray) -> None:
         """Write what the agent weighed where it was in focus, and elsewhere that it was not."""
-        known, texts = self._column(f"/focus/{name}/decision", "TextDocument:text")
+        known, texts = self._column(f"/minds/{who}/decision", "TextDocument:text")
+        every = len(known) > 0  # where there were few, everybody's decisions are recorded, when they were made
+        if not every:
+            known, texts = self._column(f"/focus/{name}/decision", "TextDocument:text")
         its = {tick: text for tick, (text,) in zip(known, texts, strict=True) if text.startswith(f"**{who}**")}
         when = f"It was in focus within ticks {min(its)} to {max(its)}." if its else "It never was in focus."
         note = f"**{who}** was not in focus here, and what it weighed was not recorded. {when}"
         between = [tick for tick in its if ticks[0] <= tick <= ticks[-1]]  # decisions are recorded at every tick
         ticks = np.union1d(ticks, np.array(between, ticks.dtype))
         shown = np.array([its.get(tick, note) for tick in ticks], object)
+        if every:
+            ticks, shown = np.array(sorted(its)), np.array([its[tick] for tick in sorted(its)], object)
         new = np.flatnonzero(np.append(True, shown[1:] != shown[:-1]))
         rec.send_columns(
             f"chosen/{who}/decision",
@@ -210,6 +219,11 @@ class Hindsight:
             ],
             rr.TextDocument.columns(text=shown[new].tolist(), media_type=["text/markdown"] * len(new)),
         )
+
+    def _fork_name(self) -> str:
+        """Return what the other future is called that the recording shows too."""
+        texts = self._column("/futures/text", "TextDocument:text")[1]
+        return str(texts[0][0]).partition("**")[2].partition("**")[0] if len(texts) else "the fork"
 
     def _told(self, name: str) -> tuple[str, ...]:
         """Return the numbers that a species' mind reported, by name."""

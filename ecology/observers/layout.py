@@ -27,11 +27,13 @@ from ecology.observers.panels.everyone import Everyone
 from ecology.observers.panels.expectation import Expectation
 from ecology.observers.panels.fields import Fields
 from ecology.observers.panels.flow import Flow
+from ecology.observers.panels.futures import Futures
 from ecology.observers.panels.legend import Legend
 from ecology.observers.panels.losses import Losses
 from ecology.observers.panels.maps import Maps
 from ecology.observers.panels.marks import Marks
 from ecology.observers.panels.measures import Measures
+from ecology.observers.panels.minds import Minds
 from ecology.observers.panels.needs import Needs
 from ecology.observers.panels.numbers import Numbers
 from ecology.observers.panels.plane import Plane
@@ -80,12 +82,15 @@ LIFE = rows(
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 BELOW: Sequence[type[Panel]] = (Maps, Events)  # the arena
+UNSEEN: Sequence[type[Panel]] = (Minds,)  # recorded for who looks back
+FORK: Sequence[type[Panel]] = (*(kind for kind in ARENA if kind is not Legend), DecisionTable)  # of the other future
+FORKED = "fork"  # the entity below which it lies
 
 
 def panels(scene: Scene, kinds: Sequence[type[Panel]] | None = None, only: str | None = None) -> list[Panel]:
     """Return the panels of a scene, or those of the `kinds`, of all species or `only` of one."""
     if kinds is None:
-        kinds = [*ARENA, *_kinds(LIFE), *_kinds(POPULATIONS), *BELOW]
+        kinds = [*ARENA, *_kinds(LIFE), *_kinds(POPULATIONS), *BELOW, *UNSEEN]
     names = [name for name in scene.groups if only in (None, name)]
     found = [kind(scene, name) for kind in kinds for name in (names if kind.each else [""])]
     return [panel for panel in found if panel.is_there()]
@@ -117,7 +122,12 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     else:
         below, shares = rrb.Tabs(*mapped, events, active_tab=0), [2.3, 1.0]
         right = lives[0] if lives else events
-    left = rrb.Vertical(_arena_view(scene), below, row_shares=shares)
+    arena: Any = _arena_view(scene)
+    if scene.fork:
+        arena = rrb.Horizontal(arena, _arena_view(scene, forked=True))
+        futures = _futures(scene, there)
+        right = rrb.Tabs(futures, *(right.contents if scene.crowd else [right]), active_tab=0)
+    left = rrb.Vertical(arena, below, row_shares=shares)
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[1.1, 1]),
         rrb.TimePanel(timeline="tick", play_state="following", state="collapsed"),
@@ -151,8 +161,31 @@ def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -
     return rrb.Horizontal(*shown, name=name) if box.how == "columns" else rrb.Tabs(*shown, active_tab=0, name=name)
 
 
-def _arena_view(scene: Scene) -> rrb.Spatial2DView:
+def _futures(scene: Scene, names: Sequence[str]) -> rrb.Container:
+    """Return both futures in one picture: the decisions of those in focus, and what differs."""
+    first = next((name for name in names if scene.decides[name]), None)
+    decisions = [
+        rrb.TextDocumentView(origin=f"{below}/focus/{first}/decision", name=f"{title}: decision in force")
+        for below, title in (("", scene.run), (f"/{FORKED}", scene.fork))
+        if first is not None
+    ]
+    shown = [*Futures(scene).views(), *([rrb.Horizontal(*decisions)] if decisions else [])]
+    return rrb.Vertical(*shown, name="both futures")
+
+
+def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
     overrides: dict[Any, Any] = {}
+    if forked:
+        for panel in panels(scene, [kind for kind in FORK if kind in ARENA]):
+            overrides |= {f"{FORKED}/{entity}": how for entity, how in panel.overrides().items()}
+        return rrb.Spatial2DView(
+            origin="/",
+            contents=[f"+ /{FORKED}/world/**"],
+            name=f"the other future, {scene.fork}",
+            background=BACKGROUND,
+            visual_bounds=bounds(scene, 0.09, 0.11),
+            overrides=overrides,
+        )
     for panel in panels(scene, ARENA):
         overrides |= panel.overrides()
     whose = "all" if scene.few else "the focus then" if scene.chosen else "the focus"

@@ -8,10 +8,12 @@
     POST /status                {"page": "x7", "shown": 1190}: what a page shows, null where it looks elsewhere
     POST /order                 {"order": "pace", "pace": 50}: of the run's pace, see control.py
     POST /do                    {"do": "move food 0.5 1.5"}: an intervention, see ecology/interventions.py
+    POST /fork                  {"do": "empathy nurse off"}: fork from here, with an intervention in the fork or ""
+    POST /fork/do               {"do": "..."}: an intervention in the fork
     POST /world                 {}: where everything is
 
 Who asks under another host's name (DNS rebinding), posts from another page or without the token gets
-403, what cannot be read 400; neither reaches the run. What the run refuses gets 409 with its reason. The last four are
+403, what cannot be read 400; neither reaches the run. What the run refuses gets 409 with its reason. The last six are
 of a run that is alive, and 404 elsewhere. A browser may load nothing from elsewhere.
 """
 
@@ -53,7 +55,7 @@ class Page:
     def __init__(
         self,
         sources: Sequence[str],
-        hear: Callable[[Click], bytes | None],
+        hear: Callable[[Click], bytes | str | None],
         *,
         files: Mapping[str, Path] | None = None,
         dt: float = 1.0,
@@ -65,7 +67,8 @@ class Page:
         """Serve from now on.
 
         sources: what the viewer opens: addresses of runs that serve, or names of `files`, recordings.
-        hear: is given every click, in any thread; what it returns (a recording) is added to what is shown.
+        hear: is given every click, in any thread; a recording that it returns is added to what is shown, words are
+        told.
         dt: units of time per tick. port: a free one for 0. Raises EcologyError where the port is taken.
         desk: takes orders for a run that is alive; a recording has none. name: of the run. named: is given names
         of agents as `hear` is given clicks, where there is no desk.
@@ -99,7 +102,7 @@ class Page:
     def _show(
         self,
         sources: Sequence[str],
-        hear: Callable[[Click], bytes | None],
+        hear: Callable[[Click], bytes | str | None],
         files: Mapping[str, Path],
         desk: Desk | None,
         named: Callable[[str], bytes | str | None] | None,
@@ -115,7 +118,7 @@ class Page:
     def look_back(
         self,
         file: Path,
-        hear: Callable[[Click], bytes | None],
+        hear: Callable[[Click], bytes | str | None],
         named: Callable[[str], bytes | None],
         desk: Desk,
     ) -> None:
@@ -147,6 +150,14 @@ class Desk(Protocol):
         """Intervene, and return what was done."""
         ...
 
+    def fork(self, text: str) -> str:
+        """Fork the run, with an intervention in the fork, and return what was done."""
+        ...
+
+    def do_in_fork(self, text: str) -> str:
+        """Intervene in the fork, and return what was done."""
+        ...
+
     def focus(self, who: str) -> str:
         """Bring an agent into focus, and return what the run says."""
         ...
@@ -174,7 +185,7 @@ class _Handler(BaseHTTPRequestHandler):
     token: str
     policy: str
     words: Mapping[str, Any]
-    hear: Callable[[Click], bytes | None]
+    hear: Callable[[Click], bytes | str | None]
     named: Callable[[str], bytes | str | None]
     desk: Desk | None
     timeout = PATIENCE
@@ -229,7 +240,10 @@ class _Handler(BaseHTTPRequestHandler):
             return self.desk.status(told["page"], told["shown"])
         if path == "/order":
             return self.desk.order(told["order"], told["pace"])
-        return self.desk.do(told["do"]) if path == "/do" else self.desk.world()
+        if path == "/world":
+            return self.desk.world()
+        deeds = {"/do": self.desk.do, "/fork": self.desk.fork, "/fork/do": self.desk.do_in_fork}
+        return deeds[path](told["do"])
 
     def _ours(self) -> bool:
         """Return whether this machine was asked for by its own name, through a tunnel or not."""
@@ -299,9 +313,11 @@ ROUTES: Mapping[str, Mapping[str, Callable[[Any], bool]]] = {
     "/status": {"page": _is_text, "shown": _is_number},
     "/order": {"order": _is_text, "pace": _is_number},
     "/do": {"do": _is_text},
+    "/fork": {"do": _is_text},
+    "/fork/do": {"do": _is_text},
     "/world": {},
 }
-LIVE = ("/status", "/order", "/do", "/world")  # of a run that is alive
+LIVE = ("/status", "/order", "/do", "/fork", "/fork/do", "/world")  # of a run that is alive
 
 
 def _viewer_files(folder: Path) -> list[Path]:

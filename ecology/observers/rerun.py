@@ -10,11 +10,9 @@ import contextlib
 import os
 import pickle
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 # read by Rerun when it is loaded: that bytes of a run that failed are not written is told by the run
 os.environ.setdefault("RUST_LOG", "warn,re_sdk::binary_stream_sink=error")
@@ -22,19 +20,17 @@ os.environ.setdefault("RUST_LOG", "warn,re_sdk::binary_stream_sink=error")
 import rerun as rr
 
 from ecology.env import Ecology
-from ecology.errors import EcologyError
-from ecology.ground import plane_of
-from ecology.model import Group
-from ecology.observers import census, maps, relay, shapes
-from ecology.observers.base import Mind
-from ecology.observers.census import Census, Focus, Happening
+from ecology.observers import relay
+from ecology.observers.base import Mind, Observer
 from ecology.observers.control import Control
 from ecology.observers.drawing import Drawing, open_scene
-from ecology.observers.layout import blueprint, panels
-from ecology.observers.panels.base import Panel, Watch
+from ecology.observers.layout import FORK, blueprint
+from ecology.observers.panels.base import Watch
+from ecology.observers.panels.futures import Futures
 from ecology.observers.readback import recording_id
 from ecology.observers.recording_file import RecordingFile, cut
-from ecology.observers.scene import DEAD, FEW, Scene
+from ecology.observers.sampler import Sampler
+from ecology.observers.scene import Scene
 from ecology.observers.viewer import (
     LOOPBACK,
     checked_url,
@@ -52,8 +48,6 @@ from ecology.world import Tick
 
 SAMPLES = 256  # sent in one go, at most
 SECONDS_FILE, SECONDS_LIVE = 1.0, 0.25  # of the clock between two sendings, at most
-FOCUS_TICKS = 500  # after which the hungriest is looked for again
-SPARSE = 20  # samples between two age structures, and between two coupling matrices
 TIDY = 2 * 2**30  # bytes up to which a recording is put in order at the end, by a process that takes as much memory
 DETAILS = ("full", "lean")
 
@@ -143,76 +137,41 @@ class RerunObserver:
 
     def _begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         state = env.state_view
-        self._env, self._minds = env, minds
-        self._focus, self._census = Focus.of(env, self._asked), Census(env, self._before)
-        self._focus.look(state)
-        self._scene = scene = self._make_scene(env, minds)
-        self._panels = panels(scene)
-        self._followers = [panel for panel in self._panels if type(panel).follow is not Panel.follow]
+        self._env = env
+        self._sampler = Sampler(
+            env,
+            minds,
+            asked=self._asked,
+            before=self._before,
+            run=self._name or env.scenario.name,
+            every=self._every,
+            maps_every=self._maps_every,
+            detail=self._detail,
+        )
+        self._scene = self._sampler.scene
+        self._side: Side | None = None  # the other future, of a fork
+        self._futures: Futures | None = None
         goes_on = self._open(state.tick)
         if self._port:
-            self._relays.append(relay.Relay(relay.SERVE, f"{self._host}:{self._port}", scene))
+            self._relays.append(relay.Relay(relay.SERVE, f"{self._host}:{self._port}", self._scene))
         if self._connect:
-            self._relays.append(relay.Relay(relay.CONNECT, self._connect, scene))
+            self._relays.append(relay.Relay(relay.CONNECT, self._connect, self._scene))
         self._samples: list[dict[str, Any]] = []
-        self._happened: list[Happening] = []
-        self._changed: set[str] = set()  # species whose focus is another since the last sample
-        self._follow()
         self._since = time.monotonic()
-        self._sampled, self._shown = 0, -1
-        self._tick: Tick | None = None  # the last one
-        self._did = (-1, -1)  # slot and action of the one that is shown first
-        self._deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
+        self._shown = -1
         drawing = self._drawing
         self._drawing = None if goes_on else drawing  # a recording that goes on has this tick
-        self._sample(self._look(state))
+        self._sample(self._sampler.look(state))
         self._send()
         self._drawing = drawing
         self._write()
 
-    def _make_scene(self, env: Ecology, minds: Mapping[str, Mind]) -> Scene:
-        """Return what is drawn of a world and its minds."""
-        scenario, grid, few = env.scenario, maps.cover(env.scenario.arena), env.size <= FEW
-        groups = env.groups
-        return Scene(
-            scenario=census.without_functions(scenario),
-            groups={name: group for name, group in groups.items() if group.size},
-            names={name: self._focus.name(name) for name in groups},
-            first=self._focus.first,
-            told={name: tuple(minds[name].report()) for name in groups},
-            mapped={name: self._has_maps(group, minds[name], grid) for name, group in groups.items()},
-            decides={name: bool(groups[name].size) and minds[name].decides for name in groups},
-            coupled=tuple(name for name in groups if env.coupling(name) is not None),
-            measures=census.plotted(scenario),
-            grows=env.open_population,
-            marks=tuple(shapes.marked(scenario)),
-            grid=grid,
-            run=self._name or scenario.name,
-            every=self._every,
-            maps_every=self._maps_every,
-            full=(self._detail or ("full" if few else "lean")) == "full",
-            few=few,
-        )
-
-    def _has_maps(self, group: Group, mind: Mind, grid: maps.Grid) -> bool:
-        if not group.size:
-            return False
-        row = max(self._focus.slots[group.name] - group.slots.start, 0)
-        species = self._env.scenario.species[group.index]
-        return maps.deviation_maps(species, group, mind, row, grid) is not None
-
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
-        self._tick = tick
         sampled = state.tick % self._every == 0 or self._is_slow()
         turned = sampled and self._heed(state)
-        self._refocus(state, anew=turned or state.tick % FOCUS_TICKS == 0)
-        slots = np.array(list(self._focus.slots.values()), np.int64)
-        self._happened += self._census.watch(state, tick, None if self._scene.few else slots[slots >= 0])
-        look = self._look(state, sampled=sampled, turned=turned)
-        for panel in self._followers:
-            panel.follow(look)
-        if self._control and self._has_decided(state):
+        look = self._sampler.watch(state, tick, sampled=sampled, turned=turned)
+        if self._control and self._sampler.has_decided(state):
             self._control.decided()
         if not sampled:
             return
@@ -221,30 +180,32 @@ class RerunObserver:
         if len(self._samples) >= SAMPLES or time.monotonic() - self._since > wait:
             self._send()
 
+    def _sample(self, look: Watch) -> None:
+        """Take a sample, with the other future where there is one."""
+        sample = self._sampler.sample(look)
+        if self._side is not None and self._futures is not None:
+            other = self._side.look()
+            sample["futures"] = self._futures.compare(look, other)
+            sample["fork"] = self._side.sampler.sample(other)
+        self._samples.append(sample)
+        self._shown = look.state.tick
+
     def intervened(self, state: State, text: str, said: str) -> None:
         """Note what was done from outside: an event."""
-        self._deeds.append((state.tick, state.time, said))
+        self._sampler.deeds.append((state.tick, state.time, said))
 
     def held(self) -> None:
         """Show the world as it stands while the run waits."""
         state = self._env.state_view
         turned = self._heed(state)
-        if not (turned or self._deeds or state.tick != self._shown):
+        fresh = self._side is not None and self._side.is_fresh
+        if not (turned or fresh or self._sampler.deeds or state.tick != self._shown):
             return
-        self._refocus(state, anew=turned)
-        look = self._look(state, turned=turned)
-        if self._tick is not None:
-            for panel in self._followers:
-                panel.follow(look)
+        self._sampler.refocus(state, anew=turned)
+        look = self._sampler.look(state, turned=turned)
+        self._sampler.follow(look)
         self._sample(look)
         self._send()
-
-    def _refocus(self, state: State, *, anew: bool) -> None:
-        """Find who is in focus."""
-        changed = self._focus.look(state, anew=anew)
-        self._changed.update(changed)
-        if changed:
-            self._follow()
 
     def _is_slow(self) -> bool:
         """Return whether a picture is due before the next sample of the recording."""
@@ -252,23 +213,46 @@ class RerunObserver:
 
     def _heed(self, state: State) -> bool:
         """Turn to those whom somebody wishes to see, where they live; say whether there were any."""
-        words = [name for click in self._wishes.clicks() if (name := self._focus.clicked(self._env, click))]
-        for word in words:
-            self._focus.turn(self._env, word)
+        focus = self._sampler.focus
+        names = [name for click in self._wishes.clicks() if (name := focus.clicked(self._env, click))]
+        for name in names:
+            self._turn(name)
         for asked, answer in self._wishes.words():
-            try:
-                self._focus.turn(self._env, asked)
-                answer(f"{asked} is in focus from tick {state.tick} on", True)
-                words.append(asked)
-            except EcologyError as error:
-                answer(str(error), False)
-        if self._scene.crowd and self._focus.first != self._scene.first:
-            self._scene.first = self._focus.first
+            why = self._turn(asked)
+            answer(f"{asked} is in focus from tick {state.tick} on" if why is None else why, why is None)
+            names += [asked] * (why is None)
+        if self._scene.crowd and focus.first != self._scene.first:
+            self._scene.first = focus.first
             self._lay_out()
-        return bool(words)
+        return bool(names)
+
+    def _turn(self, who: str) -> str | None:
+        """Bring `who` into focus, in both futures where it lives in both; return why it cannot be."""
+        if self._side is not None:
+            self._side.sampler.turn(who)
+        return self._sampler.turn(who)
 
     def _lay_out(self) -> None:
         """Lay the screen out anew where somebody looks on; of several layouts in a file one is shown by chance."""
+        for each in self._relays:
+            each.put(pickle.dumps(("lay_out", (self._scene.first,))))
+
+    def forked(self, name: str, change: str, focus: Sequence[str] = ()) -> Side:
+        """Show the future `name` of this run beside it from now on; return who watches it, an observer of that run."""
+        self._send()
+        asked = [self._sampler.focus.name(species) for species in self._scene.groups]
+        asked = [each for each in asked if not each.startswith("no ")]
+        first = self._sampler.shown_first
+        asked.sort(key=lambda each: each.rpartition("_")[0] != first)
+        self._side = Side(name, tuple(focus) or tuple(asked), self._every, self._maps_every, self._detail, self._opened)
+        self._scene.fork = name
+        self._futures = Futures(self._scene)
+        self._futures.begin(self._env.state_view.tick, change)
+        return self._side
+
+    def _opened(self, scene: Scene) -> None:
+        """Begin to draw the other future."""
+        self._show("open_fork", scene)
         for each in self._relays:
             each.put(pickle.dumps(("lay_out", (self._scene.first,))))
 
@@ -284,14 +268,13 @@ class RerunObserver:
         self._ended = True
         with contextlib.ExitStack() as at_end:
             at_end.callback(self._close)
-            state = self._env.state_view
-            look = self._look(state)
-            found = {panel.key: value for panel in self._panels if (value := panel.final(look)) is not None}
-            if self._deeds:  # since the last sample
+            look = self._sampler.look(self._env.state_view)
+            found = {panel.key: value for panel in self._sampler.panels if (value := panel.final(look)) is not None}
+            if self._sampler.deeds:  # since the last sample
                 self._sample(look)
             self._send()
             if found:
-                self._show("draw_final", {"tick": state.tick, "time": state.time, "panels": found})
+                self._show("draw_final", {"tick": look.state.tick, "time": look.state.time, "panels": found})
             self._write()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
@@ -330,89 +313,11 @@ class RerunObserver:
         if self._file is not None:
             self._file.append()
 
-    # ---- what a sample holds ---------------------------------------------------------------
-
-    def _look(self, state: State, *, sampled: bool = True, turned: bool = False) -> Watch:
-        """Return what panels take their samples from."""
-        sparse = self._sampled == 0 or state.tick % (SPARSE * self._every) == 0
-        return Watch(
-            env=self._env,
-            minds=self._minds,
-            scene=self._scene,
-            focus=self._focus,
-            census=self._census,
-            state=state,
-            tick=self._tick,
-            sampled=sampled,
-            sparse=sparse,
-            turned=turned,
-            changed=frozenset(self._changed),
-            happened=self._happened,
-            deeds=self._deeds,
-        )
-
-    def _sample(self, look: Watch) -> None:
-        """Copy what a sample shows; before the first tick, the world as it stands."""
-        state, tick, alive = look.state, look.tick, look.state.alive
-        acted = alive if tick is not None else alive & (state.tick > 0)
-        sample = {
-            "tick": state.tick,
-            "time": state.time,
-            "place": np.where(alive[:, None], state.position, np.nan).astype(np.float32),
-            "heading": state.heading.astype(np.float32),
-            "internal": np.where(alive[:, None], state.internal, np.nan).astype(np.float32),
-            "drive": np.where(alive, state.drive, np.nan).astype(np.float32),
-            "reward": np.where(alive, 0.0 if tick is None else tick.reward, np.nan).astype(np.float32),
-            "serial": state.serial.astype(np.int32),
-            "action": np.where(acted, state.action, DEAD).astype(np.uint8),
-            "focus": {name: self._in_focus(name, state) for name in self._scene.groups},
-        }
-        if state.set_point is not None:
-            sample["set_point"] = np.where(alive[:, None], state.set_point, np.nan).astype(np.float32)
-        sample["panels"] = {panel.key: panel.sample(look) for panel in self._panels}
-        self._samples.append(sample)
-        self._sampled += 1
-        self._shown, self._deeds = state.tick, []
-        self._happened, self._changed = [], set()
-
-    def _in_focus(self, name: str, state: State) -> dict[str, Any]:
-        """Return who is in focus of a species, and what it sees."""
-        slot = self._focus.slots[name]
-        species = self._scene.scenario.species[self._scene.groups[name].index]
-        shown: dict[str, Any] = {"slot": slot, "name": self._focus.name(name), "anew": name in self._changed}
-        if slot < 0:
-            return shown
-        seen = np.concatenate([state.resource_position[state.seen[slot]], state.position[self._env.sighted(slot)]])
-        gap = plane_of(self._scene.scenario.arena).gap(state.position[slot], seen)
-        shown["sight"] = state.position[slot] + gap
-        shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]))
-        shown["own"] = float(state.own_drive[slot])
-        return shown
-
-    def _follow(self) -> None:
-        """Let the minds keep the decisions of those in focus."""
-        for name, group in self._scene.groups.items():
-            if self._scene.decides[name]:
-                slot = self._focus.slots[name]
-                self._minds[name].follow([slot - group.slots.start] if slot >= 0 else [])
-
     @property
     def focus(self) -> str:
         """Return the name of the agent whose life is shown first."""
-        name = self._focus.first or next(iter(self._scene.groups), "")
-        return self._focus.name(name) if name else "nobody"
-
-    def _has_decided(self, state: State) -> bool:
-        """Return whether the agent that is shown first made a decision in this tick, or does something else now."""
-        name = self._focus.first or next(iter(self._scene.groups), "")
-        slot = self._focus.slots.get(name, -1)
-        before, self._did = self._did, (slot, int(state.action[slot]))
-        if slot < 0:
-            return False
-        if self._scene.decides[name]:
-            made = self._minds[name].decision(slot - self._scene.groups[name].slots.start)
-            return made is not None and made.age == 1
-        return self._did != before
+        name = self._sampler.shown_first
+        return self._sampler.focus.name(name) if name else "nobody"
 
     def _send(self) -> None:
         samples, self._samples = self._samples, []
@@ -431,3 +336,40 @@ class RerunObserver:
             message = pickle.dumps((what, arguments))
             for each in self._relays:
                 each.put(message)
+
+
+class Side(Observer):
+    """Watches the other future of a run for the one who shows both."""
+
+    def __init__(
+        self,
+        name: str,
+        asked: Sequence[str],
+        every: int,
+        maps_every: int,
+        detail: str | None,
+        opened: Callable[[Scene], None],
+    ) -> None:
+        self._words: dict[str, Any] = {"run": name, "every": every, "maps_every": maps_every, "detail": detail}
+        self._asked, self._opened, self.is_fresh = asked, opened, True
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Begin to follow it."""
+        self._env = env
+        self.sampler = Sampler(env, minds, FORK, asked=self._asked, **self._words)
+        self._opened(self.sampler.scene)
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Look at a tick."""
+        self.sampler.watch(state, tick, sampled=state.tick % self._words["every"] == 0)
+
+    def intervened(self, state: State, text: str, said: str) -> None:
+        """Note an intervention there."""
+        self.sampler.deeds.append((state.tick, state.time, said))
+        self.is_fresh = True
+
+    def look(self) -> Watch:
+        """Return what a sample is taken from."""
+        self.is_fresh = False
+        self.sampler.refocus(self._env.state_view, anew=False)
+        return self.sampler.look(self._env.state_view)

@@ -14,6 +14,7 @@ from ecology.observers import colours, maps, places, shapes
 from ecology.scenario import Scenario
 from ecology.spec import Species
 
+EVERYBODY = 12  # agents up to which everybody's decisions are recorded
 FEW = 100  # agents up to which every one has a trail, all its numbers and all its meals told; above, the focus alone
 BACKGROUND, FLOOR, WALL, INK = (16, 18, 22), (42, 46, 54), (225, 225, 225), (235, 235, 235)
 FAINT = (120, 124, 132)
@@ -44,6 +45,7 @@ class Scene:
     maps_every: int
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
+    fork: str = ""  # name of the other future that is shown beside it
     chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead
     died: Mapping[str, int] = field(default_factory=dict)  # species -> last recorded tick of that one, where it died
 

@@ -21,7 +21,7 @@ from ecology.lab.runs.run import Run
 from ecology.lab.runs.stopping import StoppedError
 from ecology.observers.base import Mind, Observer
 from ecology.observers.control import Control
-from ecology.observers.wishes import Wishes
+from ecology.observers.wishes import AGENTS, Click, Wishes
 
 if TYPE_CHECKING:
     from ecology.observers.hindsight import Hindsight
@@ -163,7 +163,7 @@ class Audience:
         if self.port is not None:
             name = self._run.folder.absolute().name
             try:
-                self._page = Page([source], self._wishes.hear, dt=env.dt, port=self.port, desk=self, name=name)
+                self._page = Page([source], self.hear, dt=env.dt, port=self.port, desk=self, name=name)
                 print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
@@ -204,8 +204,28 @@ class Audience:
         assert state is not None
         control.seen(page, shown)
         alive = {name: int(state.alive[g.slots].sum()) for name, g in self._run.env.groups.items() if g.size}
-        more = {"ticks": self._run.plan.ticks, "alive": alive, "focus": self._rerun.focus, "over": self._over}
+        more: dict[str, Any] = {"ticks": self._run.plan.ticks, "alive": alive, "focus": self._rerun.focus}
+        more |= {"over": self._over, "fork": self._fork_status()}
         return {**control.status(), "tick": state.tick, **more, "folder": str(self._run.folder)}
+
+    def _fork_status(self) -> dict[str, Any] | None:
+        """Return how the fork goes that lives beside the run, None without one."""
+        if (twin := self._run.twin) is None:
+            return None
+        fork = twin.run
+        alive = fork.env.state_view.alive
+        count = {name: int(alive[g.slots].sum()) for name, g in fork.env.groups.items() if g.size}
+        return {"name": fork.folder.name, "folder": str(fork.folder), "at": twin.began, "alive": count}
+
+    def hear(self, click: Click) -> str | None:
+        """Take a click; say so where it means nobody."""
+        self._wishes.hear(click)
+        state, name = self._state, click.entity.removeprefix(f"{AGENTS}/")
+        group = self._run.env.groups.get(name)
+        if state is None or group is None or click.row >= group.size:
+            return "Nobody is there: click a body, or press f and write a name."
+        alive = bool(state.alive[group.slots.start + click.row])
+        return None if alive else f"That {name} lives no more; look back at it when the run is over."
 
     def order(self, order: str, pace: float | None) -> dict[str, Any]:
         """Pause, step or pace the run."""
@@ -218,6 +238,20 @@ class Audience:
         """Intervene."""
         self._check_alive()
         return self._run.do(text)
+
+    def fork(self, text: str) -> str:
+        """Fork the run, with the intervention `text` in the fork if there is any."""
+        self._check_alive()
+        fork = self._run.fork(do=[text] if text.strip() else [])
+        assert fork is not None
+        return f"forked at tick {self._run.now:,}: {fork.folder}"
+
+    def do_in_fork(self, text: str) -> str:
+        """Intervene in the fork."""
+        twin = self._run.twin
+        if twin is None or twin.over:
+            raise EcologyError("there is no fork of this run that goes on; fork it first.")
+        return twin.run.do(text)
 
     def focus(self, who: str) -> str:
         """Bring an agent into focus."""

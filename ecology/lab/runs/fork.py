@@ -31,6 +31,7 @@ def fork(
     changes: Mapping[str, Any],
     remove: Sequence[str] = (),
     move: Mapping[str, Place] | None = None,
+    do: Sequence[str] = (),
     ticks: int | None = None,
     device: str | None = None,
     record: bool | None = None,
@@ -41,13 +42,14 @@ def fork(
 
     `run` is as opened; it goes to the last state that is known at or before `at` and lives on from
     there, watched by `observers`. `changes` are settings of the scenario and of learners, `remove` are
-    names of agents, `move` new places of resources; its learners compute on `device`, or where the run's
-    did. Raises EcologyError where they do not fit.
+    names of agents, `move` new places of resources, `do` interventions; its learners compute on
+    `device`, or where the run's did. Raises EcologyError where they do not fit.
     """
     plan = resolve(config=read_config(run.folder / CONFIG), changes=changes, ticks=ticks, device=device,
                    record=record, keep_every=keep_every, copies=run.plan.copies)  # fmt: skip
     told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(changes), "remove": list(remove)}
     told["move"] = {name: list(place) for name, place in (move or {}).items()}
+    told |= {"do": list(do)} if do else {}
     if plan.ticks <= at:
         raise EcologyError(f"a fork at tick {at} that lives to tick {plan.ticks} has no future; give more --ticks.")
     forked = Run(dataclasses.replace(plan, forked=told), out)
@@ -59,6 +61,7 @@ def fork(
     model, state = run.env.world.model, run.env.world.state
     gone = np.unique(np.array([model.slot_of(name, state) for name in remove], np.int64))
     parts["world"] = _changed(run.env, arrays, gone, move or {}), values
+    forked.schedule.entries = list(run.schedule.entries[: run.schedule.done])
     try:
         forked.become(parts)
     except Exception as error:
@@ -71,6 +74,8 @@ def fork(
         mine = gone[(gone >= rows.start) & (gone < rows.stop)]
         if mine.size:
             learner.died(mine - rows.start)
+    for text in do:
+        forked.do(text)
     return forked
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError
 from ecology.errors import writable
 from ecology.interventions import intervene
-from ecology.lab.runs import source
+from ecology.lab.runs import source, twins
 from ecology.lab.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -78,6 +79,8 @@ class Run:
         self.stopped_by: str | None = None
         self.control: Control | None = None  # of the pace, where somebody may set it
         self.schedule = Schedule(folder)
+        self.twin: twins.Twin | None = None  # the fork that lives beside it
+        self._forks: queue.SimpleQueue[tuple[Path | None, tuple[str, ...], Future[Run]]] = queue.SimpleQueue()
         self._living: int | None = None  # thread in which the run lives
         self._observers: Sequence[Observer] = ()
         self._interrupt = Interrupt()
@@ -193,6 +196,15 @@ class Run:
 
         Raises StoppedError where a signal came, EcologyError where a network diverged or a user's own code failed.
         """
+        for _ in self.living(observers):
+            pass
+        return self.summary()
+
+    def living(self, observers: Sequence[Observer] = (), stride: int | None = None) -> Generator[int]:
+        """Live as `live` does, and give the tick when it has begun and after every `stride` ticks.
+
+        Whoever takes the ticks may leave it there: another run lives on in the meantime.
+        """
         interrupt = self._interrupt = Interrupt()
         watchers = (self.tally, *observers, interrupt)
         last, keep = self.plan.ticks, self.plan.keep_every
@@ -217,17 +229,29 @@ class Run:
                 checkpoint.put_aside(self.folder / CHECKPOINT)
             at_end.callback(self._write_summary)
             try:
+                yield self.now
                 while self.now < last:
                     ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
+                    if stride is not None and (rest := min(stride, ticks)) < ticks:
+                        self.tick = loop.advance(
+                            self.env, self.learners, self.tick, rest, watchers, time.process_time, self._between
+                        )
+                        yield self.now
+                        continue
                     self.tick = loop.advance(
                         self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between
                     )
                     self._keep(observers)
                     if keep and self.now % keep == 0:
                         self.save(self.folder / KEPT / str(self.now))
+                    yield self.now
+                if self.twin is not None:
+                    self.twin.finish()
             except StoppedError as stopped:
                 self.stopped_by = str(stopped)
                 self._keep(observers)
+                if self.twin is not None:
+                    self.twin.stop(stopped)
                 raise
             except DivergedError as error:
                 who = f"tick {self.now}, {self.env.name_of(error.slot)}"
@@ -236,7 +260,9 @@ class Run:
             except BaseException as error:
                 self.stopped_by = faults.describe(error)
                 raise
-        return self.summary()
+            finally:
+                if self.twin is not None:
+                    self.twin.close()
 
     @contextlib.contextmanager
     def _faults_told(self, *, kept: bool) -> Iterator[None]:
@@ -317,15 +343,47 @@ class Run:
         while True:
             tick = self._serve(tick)
             if control is None:
-                return tick
+                return self._go(tick)
             control.advanced(self.now)
             if not (seconds := control.hold(self.now)):
-                return tick
+                return self._go(tick)
             if control.held:
                 for observer in self._observers:
                     getattr(observer, "held", lambda: None)()
             self._interrupt.check()
             control.wait(seconds)
+
+    def _go(self, tick: Tick) -> Tick:
+        """Let the fork live the tick first that comes next, so that observers of this run see both; return `tick`."""
+        if self.twin is not None:
+            self.twin.catch_up(self.now + 1)
+        return tick
+
+    def fork(self, out: Path | None = None, do: Sequence[str] = ()) -> Run | None:
+        """Fork this run between two ticks, with the interventions `do` in the fork alone; return the fork.
+
+        While this run lives, both futures go on side by side, tick by tick: the fork in a folder of its own, `out` or
+        RUN-at-TICK. May be called as `do` may: before the run lives, when the fork is left to the caller to `live`;
+        from any thread; from an observer, which is returned None. Raises EcologyError where it cannot be made.
+        """
+        if self._living is None:
+            self.tick = self._serve(self.tick)
+            return twins.make_fork(self, out, do)
+        answer: Future[Run] = Future()
+        self._forks.put((out, tuple(do), answer))
+        return None if self._living == threading.get_ident() else answer.result()
+
+    def _fork(self, out: Path | None, do: Sequence[str]) -> Run:
+        if self.twin is not None and not self.twin.over:
+            raise EcologyError(
+                f"the fork {self.twin.run.folder.name!r} goes on; one fork at a time lives beside a run."
+            )
+        self.twin = twins.Twin(self, twins.make_fork(self, out, do), self._observers, do)
+        return self.twin.run
+
+    def serve(self) -> None:
+        """Do what is asked of a run that waits between two strides of `living`."""
+        self.tick = self._serve(self.tick)
 
     def _serve(self, tick: Tick) -> Tick:
         """Do what is scheduled for now, and what others ask for."""
@@ -345,6 +403,16 @@ class Run:
                 answer.set_exception(error)
                 if not isinstance(error, EcologyError):
                     raise
+        while not self._forks.empty():
+            out, do, waits = self._forks.get()
+            try:
+                waits.set_result(self._fork(out, do))
+            except BaseException as error:
+                waits.set_exception(error)
+                if not isinstance(error, EcologyError):
+                    raise
+        if self.twin is not None:
+            self.twin.serve()
         if self._mailbox is not None and time.monotonic() >= self._look:
             self._look = time.monotonic() + LOOK
             if (text_ := self._mailbox.waiting()) is not None:
@@ -364,6 +432,8 @@ class Run:
         finally:
             self._living, self._observers, self._mailbox = None, (), None
             self.schedule.refuse("the run is over.")
+            while not self._forks.empty():
+                self._forks.get()[2].set_exception(EcologyError("the run is over."))
 
     def parts(self) -> dict[str, checkpoint.Part]:
         """Return all that the run has become: what a checkpoint holds."""

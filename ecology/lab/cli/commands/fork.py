@@ -27,6 +27,9 @@ def command(
     ] = None,
     remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Agent to remove.")] = None,
     move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="Resource to move.")] = None,
+    do: Annotated[
+        list[str] | None, typer.Option(metavar="WHAT", help="Intervention in the fork, as of `ecology do`.")
+    ] = None,
     ticks: Annotated[int | None, typer.Option(min=1, help="Tick to run to.", show_default="as the run")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the fork.", show_default="RUN-at-TICK")] = None,
     record: Annotated[
@@ -61,6 +64,7 @@ def command(
             changes=read_pairs("--set", set_, read_setting),
             remove=remove or (),
             move=read_pairs("--move", move, _read_place),
+            do=do or (),
             ticks=ticks,
             device=device,
             record=record,
