@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ecology.decision import Decision
+from ecology.decision import Decision, Plan
 from ecology.errors import EcologyError
 
 if TYPE_CHECKING:
@@ -165,6 +165,10 @@ class Learner(ABC):
 
         It is as it was when it was made if the agent was followed then. A learner that returns one sets `decides`.
         """
+        return None
+
+    def plan(self, slot: int) -> Plan | None:
+        """Return the best that the agent in `slot` saw ahead when it decided, None where it does not look ahead."""
         return None
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -24,9 +24,20 @@ class Decision:
     error: Floats  # (D,) error of f per component of zeta: 0 is perfect, 1 as bad as no change, NaN unknown
     age: int = 0  # ticks acted on it so far
     length: int | None = None  # ticks that it takes in all; None where the world ends it, as an arrival does
+    zeta: Floats | None = None  # (D,) where it was made, None where that was not kept
+    after: Floats | None = None  # (M, D) what f predicted of each option
     recalled: bool = False  # whether the numbers were computed afterwards, by what the agent knows by now
 
     @property
     def total(self) -> Floats:
         """Return the predicted drive plus the slope, (M,): the right side of the HJB equation, one option ahead."""
         return self.next_drive + self.slope
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The best that an agent sees ahead: k options, and the states that f predicts on the way."""
+
+    options: tuple[str, ...]  # k names
+    states: Floats  # (k + 1, D), from where it stands
+    score: float  # what was compared, drive units

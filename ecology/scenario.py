@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,6 +57,9 @@ class Scenario:
     rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
     memory: Mapping[str, object] = field(default_factory=dict)  # the rule's own state at the start: numbers or arrays
     measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
+    props: Callable[[State], Mapping[str, Sequence[Sequence[Sequence[float]]]]] | None = None  # to draw: lines by name
+    sample_every: int | None = None  # ticks between two samples of a run that is recorded; the usual number for None
+    until_extinct: bool = False  # whether a run ends when nobody lives any more
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
 
     def __post_init__(self) -> None:
@@ -70,6 +73,10 @@ class Scenario:
         require(
             isinstance(self.ticks, int) and self.ticks > 0,
             f"{owner}: ticks must be a positive whole number, got {self.ticks!r}.",
+        )
+        require(
+            self.sample_every is None or self.sample_every > 0,
+            f"{owner}: sample_every must be a whole number of ticks of at least 1, got {self.sample_every!r}.",
         )
         require(self.day is None or self.day > 0, f"{owner}: day must be a positive length, got {self.day!r}.")
         for what, names in (

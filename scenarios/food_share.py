@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from ecology import Arena, Empathy, Need, Neighbours, Outcome, Scenario, Species, World, act, rest
-from ecology.scenarios.shared.conditions import LEARNER, empathy
+from ecology import Arena, Empathy, Need, Neighbours, Outcome, Scenario, Species, State, World, act, rest
+from ecology.scenarios.shared.conditions import LEARNER, empathy, square
 
 D_HIGH, D_LOW = -math.log(0.95), -math.log(0.05)  # drive at high and at low energy
 HIGH = math.sqrt(D_LOW**2 - D_HIGH**2)  # x* of energy, so that x = x* and x = 0 have these drives
@@ -45,8 +45,23 @@ def rule(world: World, rng: np.random.Generator) -> Outcome:
     return outcome
 
 
+def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
+    """Return what to draw: food in the hand of every living possessor, and the way on which it passes it."""
+    pairs = len(state.alive) // 2
+    hands = [i for i in range(pairs) if state.alive[i]]
+    return {
+        "food in hand": [square(*state.position[i] + (0.0, 0.16), 0.05) for i in hands],
+        "table": [[tuple(state.position[i]), tuple(state.position[pairs + i])] for i in hands],
+    }
+
+
 def build(
-    condition: str = "full", weight: float = 0.5, perceived: bool = True, pairs: int = 1, ticks: int = 5_000
+    condition: str = "full",
+    weight: float = 0.5,
+    perceived: bool = True,
+    pairs: int = 1,
+    ticks: int = 5_000,
+    until_extinct: bool = True,
 ) -> Scenario:
     """Return the set-up under one condition of empathy: "none", "cognitive", "affective" or "full".
 
@@ -87,4 +102,13 @@ def build(
     )
     wide = APART * pairs
     room = Arena(vertices=((0, 0), (wide, 0), (wide, 1), (0, 1)))
-    return Scenario(name="food_share", arena=room, species=(possessor, partner), ticks=ticks, rule=rule)
+    return Scenario(
+        name="food_share",
+        arena=room,
+        species=(possessor, partner),
+        ticks=ticks,
+        rule=rule,
+        props=props,
+        sample_every=1,
+        until_extinct=until_extinct,
+    )

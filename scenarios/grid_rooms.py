@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from ecology import Arena, Empathy, Need, Neighbours, Outcome, Scenario, Species, World, act, rest
-from ecology.scenarios.shared.conditions import LEARNER, empathy
+from ecology import Arena, Empathy, Need, Neighbours, Outcome, Scenario, Species, State, World, act, rest
+from ecology.scenarios.shared.conditions import LEARNER, empathy, square
 
 CELLS = 5  # of length 1, food in cell 0
 LOSS, MEAL = 0.003, 0.1  # of energy per tick; gain of one food eaten
@@ -47,8 +47,26 @@ def rule(world: World, rng: np.random.Generator) -> Outcome:
     return outcome
 
 
+def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
+    """Return what to draw: the cells of every corridor, the food in its first one, and food in hand."""
+    pairs = len(state.alive) // 2
+    rows = [APART * i for i in range(pairs)]
+    cells = [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1), (x, y)] for y in rows for x in map(float, range(CELLS))]
+    carries = [i for i in range(pairs) if state.alive[i] and state.internal[i, 1] > 0]
+    return {
+        "corridor": cells,
+        "food": [square(0.5, y + 0.8, 0.12) for y in rows],
+        "food in hand": [square(*state.position[i] + (0.0, 0.3), 0.08) for i in carries],
+    }
+
+
 def build(
-    condition: str = "full", weight: float = 0.5, perceived: bool = True, pairs: int = 1, ticks: int = 20_000
+    condition: str = "full",
+    weight: float = 0.5,
+    perceived: bool = True,
+    pairs: int = 1,
+    ticks: int = 20_000,
+    until_extinct: bool = True,
 ) -> Scenario:
     """Return the set-up under one condition of empathy; the settings are those of `food_share`."""
     cognitive, affective = empathy(condition)
@@ -104,4 +122,13 @@ def build(
     )
     high = APART * pairs
     corridor = Arena(vertices=((0, 0), (CELLS + 1, 0), (CELLS + 1, high), (0, high)))
-    return Scenario(name="grid_rooms", arena=corridor, species=(possessor, partner), ticks=ticks, rule=rule)
+    return Scenario(
+        name="grid_rooms",
+        arena=corridor,
+        species=(possessor, partner),
+        ticks=ticks,
+        rule=rule,
+        props=props,
+        sample_every=2,
+        until_extinct=until_extinct,
+    )

@@ -24,12 +24,13 @@ from ecology import (
     Resource,
     Scenario,
     Species,
+    State,
     World,
     act,
     consume,
     rest,
 )
-from ecology.scenarios.shared.conditions import LEARNER, empathy
+from ecology.scenarios.shared.conditions import LEARNER, empathy, square
 
 STEP, REACH, HAND = 0.15, 0.3, 0.4  # lengths: of a move, to the food, to the other
 WAYS = {"left": (-1, 0), "right": (1, 0), "up": (0, 1), "down": (0, -1)}
@@ -66,7 +67,28 @@ def rule(world: World, rng: np.random.Generator) -> Outcome:
     return outcome
 
 
-def build(condition: str = "full", weight: float = 0.5, perceived: bool = True, ticks: int = 60_000) -> Scenario:
+def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
+    """Return what to draw: where feet reach, food in hand, and the bars before one that is trapped."""
+    living = [i for i in range(len(state.alive)) if state.alive[i]]
+    trapped = [i for i in living if state.internal[i, 0] < TRAPPED]
+    bars = [-0.08, -0.03, 0.03, 0.08]
+    return {
+        "reach": [[(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)]],
+        "food in hand": [square(*state.position[i] + (0.0, 0.1), 0.03) for i in living if state.internal[i, 1] > 0],
+        "trap": [
+            *(square(*state.position[i], 0.1) for i in trapped),
+            *([(x + d, y - 0.1), (x + d, y + 0.1)] for i in trapped for x, y in [state.position[i]] for d in bars),
+        ],
+    }
+
+
+def build(
+    condition: str = "full",
+    weight: float = 0.5,
+    perceived: bool = True,
+    ticks: int = 60_000,
+    until_extinct: bool = True,
+) -> Scenario:
     """Return the set-up under one condition of empathy; the settings are those of `food_share`."""
     cognitive, affective = empathy(condition)
     has_food, moves = {"opens_from": {"carried": 1.0}}, {"opens_from": {"energy": TRAPPED}}
@@ -105,4 +127,14 @@ def build(condition: str = "full", weight: float = 0.5, perceived: bool = True, 
     )
     field = Arena(vertices=((-1.3, -1.3), (1.3, -1.3), (1.3, 1.3), (-1.3, 1.3)))  # food lies within [-1, 1]^2
     food = Resource(name="food", position=(0.0, 0.0), radius=REACH, stock=1.0, motion=Relocation())
-    return Scenario(name="trap", arena=field, resources=(food,), species=(agent,), ticks=ticks, rule=rule)
+    return Scenario(
+        name="trap",
+        arena=field,
+        resources=(food,),
+        species=(agent,),
+        ticks=ticks,
+        rule=rule,
+        props=props,
+        sample_every=5,
+        until_extinct=until_extinct,
+    )

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ecology.agents.hjb.plan import best_plan
 from ecology.agents.movements import ARRIVES
-from ecology.decision import Decision
+from ecology.decision import Decision, Plan
 
 if TYPE_CHECKING:
     from ecology.agents.hjb.learner import HJB
@@ -95,6 +96,13 @@ class DecisionRecord:
             self._kept[slot] = decision, int(learner.clock[slot]) - decision.age + 1
         return decision
 
+    def plan(self, slot: int) -> Plan | None:
+        """Return the best plan of the agent in `slot` where it last decided, by what it knows now."""
+        under = self.learner.execution
+        return (
+            None if under.movement[slot] < 0 else best_plan(self.learner, slot, under.began[slot], under.was_open[slot])
+        )
+
     def weigh(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> Decision:
         """Return what the agent in `slot` would decide at zeta (D,) with the actions of `mask` (A,) open.
 
@@ -137,6 +145,8 @@ class DecisionRecord:
             value=here,
             gamma=s.gamma,
             error=self._error(slot),
+            zeta=np.array(zeta),
+            after=after,
         )
 
     def _error(self, slot: int, last: int = 64) -> np.ndarray:

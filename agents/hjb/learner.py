@@ -32,7 +32,7 @@ from ecology.agents.hjb.memory import Memory
 from ecology.agents.hjb.networks import Perceptrons
 from ecology.agents.hjb.settings import HJBSettings
 from ecology.agents.movements import ARRIVES, Movements, adaptive, single_ticks
-from ecology.decision import Decision
+from ecology.decision import Decision, Plan
 
 ADVICE = "Lower learner.learning_rate, or bound the needs of the species."
 ZETA = 2.0  # exponent of the law of the length of explored walks
@@ -510,6 +510,10 @@ class HJB(Learner):
     def decision(self, slot: int) -> Decision | None:
         """Return the decision that the agent in `slot` acts on, None before its first one."""
         return self.record.decision(slot)
+
+    def plan(self, slot: int) -> Plan | None:
+        """Return the best plan of the agent in `slot` where it last decided, None before its first decision."""
+        return self.record.plan(slot)
 
     def weigh(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> Decision:
         """Return what the agent in `slot` would decide at zeta (D,) with the actions of `mask` (A,) open."""

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ecology.decision import Decision
+from ecology.decision import Decision, Plan
 from ecology.env import Ecology
 from ecology.state import State
 from ecology.world import Tick
@@ -35,6 +35,10 @@ class Mind(Protocol):
 
     def decision(self, slot: int) -> Decision | None:
         """Return the decision that the agent in `slot` acts on, None where there is none."""
+        ...
+
+    def plan(self, slot: int) -> Plan | None:
+        """Return the best that the agent in `slot` saw ahead when it decided, None where there is none."""
         ...
 
 

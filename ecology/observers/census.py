@@ -219,6 +219,9 @@ class Choice:
     time: float
     name: str
     decision: Decision
+    plan: tuple[str, ...] = ()  # the best that it sees ahead, where that was asked for
+    last: str = ""  # the option before, whose forecast is compared with what came
+    came: Sequence[tuple[str, float, float]] = ()  # by component: its name, what f forecast, and what came
 
 
 @dataclass
@@ -395,4 +398,4 @@ def afterwards(drive: Floats, gamma: float, dt: float) -> float:
 
 def without_functions(scenario: Scenario) -> Scenario:
     """Return the scenario as plain data, which can be sent to another process."""
-    return dataclasses.replace(scenario, rule=None, measures={})
+    return dataclasses.replace(scenario, rule=None, measures={}, props=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections import deque
 
 import numpy as np
 
@@ -32,6 +33,8 @@ RESTING, SLEEPING = (105, 110, 120), (95, 85, 165)
 BITING, GIVING = (255, 90, 60), (90, 230, 180)
 MOVING, TURNING = (215, 220, 230), (150, 156, 168)
 SHADES = 256
+DARKEST = {"plasma": 0.3}  # share of a scale that is left out: its dark end would not stand out from the floor
+RECENT = 50  # samples after which the colour scale of the drive may be lowered
 
 
 def need_colour(index: int) -> Colour:
@@ -104,12 +107,36 @@ def highest_drive(scenario: Scenario) -> float:
     return max(found)
 
 
+def round_up(value: float) -> float:
+    """Return the least of 1, 1.5, 2, 3, 5 and 7 times a power of ten that is at least `value`, which is positive."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(m * power for m in (1, 1.5, 2, 3, 5, 7, 10) if m * power >= value * (1 - 1e-9))
+
+
+class Top:
+    """The drive at the top of the colour scale: it follows the drives that there are."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Begin at the top of the scale that the needs of a scenario suggest."""
+        self._least = highest_drive(scenario) / 50
+        self._recent: deque[float] = deque(maxlen=RECENT)
+        self.value = 0.0
+
+    def follow(self, drive: np.ndarray) -> float:
+        """Take the drives of a sample, NaN of the dead, and return the top: raised at once, lowered after a while."""
+        self._recent.append(float(np.nanmax(np.append(drive, 0.0))))
+        wanted = round_up(max(self._least, *self._recent))
+        if wanted > self.value or (len(self._recent) == RECENT and wanted < 0.5 * self.value):
+            self.value = wanted
+        return self.value
+
+
 @functools.cache
 def scale(name: str) -> np.ndarray:
-    """Return the colour scale `name` as uint8 (SHADES, 3), dark to bright; its darkest tenth is left out."""
+    """Return the colour scale `name` as uint8 (SHADES, 3), dark to bright; what does not stand out is left out."""
     from ecology.observers.plotting import colormaps  # slow to load
 
-    return (colormaps[name](np.linspace(0.1, 1.0, SHADES))[:, :3] * 255).round().astype(np.uint8)
+    return (colormaps[name](np.linspace(DARKEST.get(name, 0.1), 1.0, SHADES))[:, :3] * 255).round().astype(np.uint8)
 
 
 def shade(name: str, value: np.ndarray, low: float, high: float) -> np.ndarray:

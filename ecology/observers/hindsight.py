@@ -22,6 +22,7 @@ from rerun.chunk import RrdReader
 
 from ecology import physiology
 from ecology.env import Ecology
+from ecology.ground import ground_of
 from ecology.observers import census, maps, shapes
 from ecology.observers.census import HUNGRIEST, Life, without_functions
 from ecology.observers.layout import FORKED, blueprint, life_panels
@@ -69,6 +70,7 @@ class Hindsight:
             fork=self._fork_name() if f"/{FORKED}/world/walls" in there else "",
             full=len(drives[0]) > 0,
             few=few,
+            has_props=any(path.startswith("/world/props/") for path in there),
         )
 
     def who(self, click: Click) -> str | None:
@@ -165,7 +167,8 @@ class Hindsight:
             drive, reward = of("drive").astype(float), of("reward").astype(float)
         else:  # what it felt of others was not recorded
             drive, reward, own = own, None, np.full(len(own), np.nan)
-        field = [shapes.view_field(species, p, a) if live else np.empty((0, 2))
+        ground = ground_of(scene.scenario.arena)
+        field = [shapes.view_field(species, p, a, ground) if live else np.empty((0, 2))
                  for p, a, live in zip(place, angle, lives, strict=True)]  # fmt: skip
         for value in (x, place, drive, own, *([] if reward is None else [reward])):
             value[~lives] = np.nan

@@ -5,7 +5,7 @@ A new panel is a file in panels/ and its place here: in ARENA if it draws in the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers.panels.action import Action
 from ecology.observers.panels.ages import Ages
+from ecology.observers.panels.ahead import Ahead
 from ecology.observers.panels.base import LifePanel, Panel, bounds
 from ecology.observers.panels.bodies import Bodies
 from ecology.observers.panels.count import Count
@@ -28,6 +29,7 @@ from ecology.observers.panels.expectation import Expectation
 from ecology.observers.panels.fields import Fields
 from ecology.observers.panels.flow import Flow
 from ecology.observers.panels.futures import Futures
+from ecology.observers.panels.here import Here
 from ecology.observers.panels.legend import Legend
 from ecology.observers.panels.losses import Losses
 from ecology.observers.panels.maps import Maps
@@ -37,6 +39,7 @@ from ecology.observers.panels.minds import Minds
 from ecology.observers.panels.needs import Needs
 from ecology.observers.panels.numbers import Numbers
 from ecology.observers.panels.plane import Plane
+from ecology.observers.panels.props import Props
 from ecology.observers.panels.resources import Resources
 from ecology.observers.panels.reward import Reward
 from ecology.observers.panels.shares import Shares
@@ -72,7 +75,7 @@ def tabs(*parts: type[Panel] | Box) -> Box:
 
 
 # layers of the arena, the lowest first
-ARENA: Sequence[type[Panel]] = (Plane, Legend, Fields, Resources, Bodies, Trails, Sight, Marks)
+ARENA: Sequence[type[Panel]] = (Plane, Legend, Fields, Props, Resources, Bodies, Trails, Sight, Ahead, Marks)
 LIFE = rows(
     tabs(Needs, Shares, Deviation, Everyone),
     Action,
@@ -81,9 +84,14 @@ LIFE = rows(
     shares=(3.0, 1.1, 1.6, 2.6),
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
-BELOW: Sequence[type[Panel]] = (Maps, Events)  # the arena
+STRIP = columns(Count, Drives)  # below the minds of a crowd
+BELOW: Sequence[type[Panel]] = (Here, Maps, Events)  # the arena
 UNSEEN: Sequence[type[Panel]] = (Minds,)  # recorded for who looks back
 FORK: Sequence[type[Panel]] = (*(kind for kind in ARENA if kind is not Legend), DecisionTable)  # of the other future
+UNTOUCHED = (  # of the plane: all but the bodies
+    *("walls", "floor", "axes", "legend", "fields", "doors", "resources", "trail", "marks", "props"),
+    *("focus", "chosen", "plan", "forecast", "came"),
+)
 FORKED = "fork"  # the entity below which it lies
 
 
@@ -112,13 +120,17 @@ def _kinds(box: Box) -> Iterator[type[Panel]]:
 def blueprint(scene: Scene) -> rrb.Blueprint:
     """Return the layout: the arena over the maps on the left; on the right a life, or populations and lives."""
     there = sorted(scene.groups, key=lambda name: name != scene.first)
-    mapped = [view for name in there for view in _views(scene, Maps, name)]
+    mapped = [map_ for name in there for map_ in _maps(scene, name)]
     events = _views(scene, Events)[0]
     lives = [_place(scene, LIFE, name, name=scene.who(name)) for name in there]
+    populations: Any = None
     if scene.crowd:
         below, shares = rrb.Tabs(events, *mapped, active_tab=0), [2.6, 1.0]
         populations = _place(scene, POPULATIONS, name="populations")
-        right: Any = rrb.Tabs(populations, *lives, active_tab=int(bool(scene.first)))
+        right: Any = rrb.Tabs(*lives, populations, active_tab=0)
+        strip = _place(scene, STRIP)
+        if strip is not None and lives:
+            right = rrb.Vertical(right, strip, row_shares=[4.6, 1.0])
     else:
         below, shares = rrb.Tabs(*mapped, events, active_tab=0), [2.3, 1.0]
         right = lives[0] if lives else events
@@ -126,7 +138,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     if scene.fork:
         arena = rrb.Horizontal(arena, _arena_view(scene, forked=True))
         futures = _futures(scene, there)
-        right = rrb.Tabs(futures, *(right.contents if scene.crowd else [right]), active_tab=0)
+        right = rrb.Tabs(futures, *lives, *([populations] if scene.crowd else []), active_tab=0)
     left = rrb.Vertical(arena, below, row_shares=shares)
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[1.1, 1]),
@@ -140,6 +152,15 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
 def _views(scene: Scene, kind: type[Panel], name: str = "") -> list[rrb.View | rrb.Container]:
     """Return the views of the panels of a kind; of a species where it has one for each."""
     return [view for panel in panels(scene, (kind,), name if kind.each and name else None) for view in panel.views()]
+
+
+def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
+    """Return J of a species' focus here and now beside the maps at made-up states."""
+    shown = [*([] if name in scene.chosen else _views(scene, Here, name)), *_views(scene, Maps, name)]
+    if not shown:
+        return []
+    whose = f"the {name} then in focus" if name in scene.chosen else scene.who(name)
+    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"deviation of {whose}")]
 
 
 def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -> Any:
@@ -173,11 +194,22 @@ def _futures(scene: Scene, names: Sequence[str]) -> rrb.Container:
     return rrb.Vertical(*shown, name="both futures")
 
 
+def _add(overrides: dict[Any, Any], more: Mapping[Any, Any]) -> None:
+    """Add to the overrides of a view, where an entity may have some already."""
+    for entity, how in more.items():
+        several = how if isinstance(how, list) else [how]
+        before = overrides.get(entity, [])
+        overrides[entity] = [*(before if isinstance(before, list) else [before]), *several]
+
+
 def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
     overrides: dict[Any, Any] = {}
+    below = f"{FORKED}/world" if forked else "world"
+    for entity in UNTOUCHED:  # a click finds bodies alone
+        overrides[f"{below}/{entity}"] = rrb.EntityBehavior(interactive=False)
     if forked:
         for panel in panels(scene, [kind for kind in FORK if kind in ARENA]):
-            overrides |= {f"{FORKED}/{entity}": how for entity, how in panel.overrides().items()}
+            _add(overrides, {f"{FORKED}/{entity}": how for entity, how in panel.overrides().items()})
         return rrb.Spatial2DView(
             origin="/",
             contents=[f"+ /{FORKED}/world/**"],
@@ -187,17 +219,18 @@ def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
             overrides=overrides,
         )
     for panel in panels(scene, ARENA):
-        overrides |= panel.overrides()
+        _add(overrides, panel.overrides())
     whose = "all" if scene.few else "the focus then" if scene.chosen else "the focus"
     what = f"trails of {TRAIL_TICKS} ticks ({whose})" if scene.crowd else f"its trail of {TRAIL_TICKS} ticks"
     seen = "view field and lines of sight of the focus"
     shown: list[str] = []
     for name, who in scene.chosen.items():  # in the place of the focus that was
+        shown += [f"- /world/{what}/{name}" for what in ("plan", "forecast", "came")]
         seen = f"view field of {who}"
         shown += [f"- /world/focus/{name}/**", f"+ /world/chosen/{who}/**"]
     return rrb.Spatial2DView(
         origin="/",
-        contents=["+ /world/**", "- /world/maps/**", "- /world/chosen/**", *shown],
+        contents=["+ /world/**", "- /world/maps/**", "- /world/here/**", "- /world/chosen/**", *shown],
         name=f"{scene.run}: {what}, {seen}",
         background=BACKGROUND,
         visual_bounds=bounds(scene, 0.09, 0.11 + 0.055 * len(scene.legend_rows())),

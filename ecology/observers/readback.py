@@ -84,12 +84,15 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
         ticks = ticks[-FRAMES:] if first is None else ticks
         shape = (len(ticks), start)
         place, angle, drive = np.full((*shape, 2), np.nan), np.zeros(shape), np.zeros(shape)
-        top = colours.highest_drive(scenario)
+        told = column(source, "/world/legend/numbers", "top")
+        tops = [_latest(told, tick) for tick in ticks]
+        fixed = colours.highest_drive(scenario)  # of a recording of an earlier version
         for rows, places, ways, level in groups:
             for i, tick in enumerate(ticks):
                 place[i, rows] = np.reshape(places[tick], (-1, 2))
                 way = np.reshape(ways[tick], (-1, 2))
                 angle[i, rows] = np.arctan2(way[:, 1], way[:, 0])
+                top = fixed if tops[i] is None else float(tops[i][0])
                 drive[i, rows] = np.asarray(level[tick]) * top / (STEPS - 1)
         patches = column(source, "/world/resources", "Ellipses2D:centers")
         stock = column(source, "/world/resources/stock", "Points2D:radii")

@@ -147,6 +147,7 @@ class RerunObserver:
             every=self._every,
             maps_every=self._maps_every,
             detail=self._detail,
+            live=bool(self._port or self._connect),
         )
         self._scene = self._sampler.scene
         self._side: Side | None = None  # the other future, of a fork
@@ -244,7 +245,9 @@ class RerunObserver:
         asked = [each for each in asked if not each.startswith("no ")]
         first = self._sampler.shown_first
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
-        self._side = Side(name, tuple(focus) or tuple(asked), self._every, self._maps_every, self._detail, self._opened)
+        words = {"every": self._every, "maps_every": self._maps_every, "detail": self._detail}
+        words |= {"live": bool(self._port or self._connect)}
+        self._side = Side({"run": name, **words}, tuple(focus) or tuple(asked), self._opened)
         self._scene.fork = name
         self._futures = Futures(self._scene)
         self._futures.begin(self._env.state_view.tick, change)
@@ -343,15 +346,12 @@ class Side(Observer):
 
     def __init__(
         self,
-        name: str,
+        words: Mapping[str, Any],
         asked: Sequence[str],
-        every: int,
-        maps_every: int,
-        detail: str | None,
         opened: Callable[[Scene], None],
     ) -> None:
-        self._words: dict[str, Any] = {"run": name, "every": every, "maps_every": maps_every, "detail": detail}
-        self._asked, self._opened, self.is_fresh = asked, opened, True
+        """Watch it by the `words` of a `Sampler`, with those in focus who are `asked` for; `opened` takes its scene."""
+        self._words, self._asked, self._opened, self.is_fresh = words, asked, opened, True
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Begin to follow it."""

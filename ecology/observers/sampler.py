@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +13,7 @@ from ecology.env import Ecology
 from ecology.errors import EcologyError
 from ecology.ground import plane_of
 from ecology.model import Group
-from ecology.observers import census, maps, shapes
+from ecology.observers import census, colours, maps, shapes
 from ecology.observers.base import Mind
 from ecology.observers.census import Census, Focus, Happening
 from ecology.observers.layout import panels
@@ -21,6 +23,8 @@ from ecology.state import State
 from ecology.world import Tick
 
 FOCUS_TICKS = 500  # after which the hungriest is looked for again
+CLOSE = 10  # samples between two plans, and between two pictures of J here and now
+SECONDS = 0.2  # of the clock between them, where somebody looks on
 SPARSE = 20  # samples between two age structures, and between two coupling matrices
 
 
@@ -39,10 +43,12 @@ class Sampler:
         every: int,
         maps_every: int,
         detail: str | None = None,
+        live: bool = False,
     ) -> None:
         """Follow `env` for the panels `kinds`, all of the layout for None.
 
-        asked: who is to be in focus. before: who was born and died by now, by species. The rest goes into the scene.
+        asked: who is to be in focus. before: who was born and died by now, by species. live: whether somebody looks
+        on, who is shown plans as they are made. The rest goes into the scene.
         """
         self._env, self._minds, self._every = env, minds, every
         self.focus, self._census = Focus.of(env, asked), Census(env, before)
@@ -52,7 +58,9 @@ class Sampler:
         self._followers = [panel for panel in self.panels if type(panel).follow is not Panel.follow]
         self._happened: list[Happening] = []
         self._changed: set[str] = set()  # species whose focus is another since the last sample
-        self._sampled = 0
+        self._top = colours.Top(env.scenario)
+        self._sampled, self._ground = 0, env.world.model.ground
+        self._live, self._close = live, -math.inf  # by the clock, when it was last looked at closely
         self._did = (-1, -1)  # slot and action of the one that is shown first
         self.tick: Tick | None = None  # the last one
         self.deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
@@ -80,6 +88,7 @@ class Sampler:
             maps_every=maps_every,
             full=(detail or ("full" if few else "lean")) == "full",
             few=few,
+            has_props=scenario.props is not None,
         )
 
     def _has_maps(self, group: Group, grid: maps.Grid) -> bool:
@@ -149,6 +158,9 @@ class Sampler:
         """Return what panels take their samples from."""
         # by the tick, so that a run that is resumed has the same
         sparse = self._sampled == 0 or state.tick % (SPARSE * self._every) == 0
+        closely = sampled and (state.tick % (CLOSE * self._every) == 0 or turned)
+        if sampled and self._live and time.monotonic() - self._close > SECONDS:
+            closely, self._close = True, time.monotonic()
         return Watch(
             env=self._env,
             minds=self._minds,
@@ -159,6 +171,7 @@ class Sampler:
             tick=self.tick,
             sampled=sampled,
             sparse=sparse,
+            closely=closely,
             turned=turned,
             changed=frozenset(self._changed),
             happened=self._happened,
@@ -169,7 +182,7 @@ class Sampler:
         """Copy what a sample shows; before the first tick, the world as it stands."""
         state, tick, alive = look.state, look.tick, look.state.alive
         acted = alive if tick is not None else alive & (state.tick > 0)
-        sample = {
+        sample: dict[str, Any] = {
             "tick": state.tick,
             "time": state.time,
             "place": np.where(alive[:, None], state.position, np.nan).astype(np.float32),
@@ -181,6 +194,7 @@ class Sampler:
             "action": np.where(acted, state.action, DEAD).astype(np.uint8),
             "focus": {name: self._in_focus(name, state) for name in self.scene.groups},
         }
+        sample["top"] = self._top.follow(sample["drive"])
         if state.set_point is not None:
             sample["set_point"] = np.where(alive[:, None], state.set_point, np.nan).astype(np.float32)
         sample["panels"] = {panel.key: panel.sample(look) for panel in self.panels}
@@ -198,6 +212,6 @@ class Sampler:
         seen = np.concatenate([state.resource_position[state.seen[slot]], state.position[self._env.sighted(slot)]])
         gap = plane_of(self.scene.scenario.arena).gap(state.position[slot], seen)
         shown["sight"] = state.position[slot] + gap
-        shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]))
+        shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]), self._ground)
         shown["own"] = float(state.own_drive[slot])
         return shown

@@ -45,6 +45,7 @@ class Scene:
     maps_every: int
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
+    has_props: bool = False  # whether the scenario names what to draw besides
     fork: str = ""  # name of the other future that is shown beside it
     chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead
     died: Mapping[str, int] = field(default_factory=dict)  # species -> last recorded tick of that one, where it died

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ecology.ground import Ground
 from ecology.scenario import Scenario
 from ecology.spec import Species
 from ecology.state import Floats, State
@@ -39,14 +40,28 @@ def patches(scenario: Scenario, state: State) -> Floats:
     return np.where(gone[:, None], np.nan, state.resource_position) if gone.any() else state.resource_position
 
 
-def view_field(species: Species, place: Floats, heading: float) -> Floats:
-    """Return the outline of a view field, (k, 2); nothing where its range has no end."""
+def view_field(species: Species, place: Floats, heading: float, ground: Ground | None = None) -> Floats:
+    """Return the outline of a view field, (k, 2), which ends at the walls of `ground`; nothing of one without end."""
     if not math.isfinite(species.view_range):
         return np.empty((0, 2))
     half = species.view_angle / 2
-    angle = heading + np.linspace(-half, half, 25)
-    arc = place + species.view_range * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    angle = heading + np.linspace(-half, half, 25 if ground is None else 73)
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    arc = place + _free(place, way, species.view_range, ground)[:, None] * way
     return arc if half >= math.pi - 1e-9 else np.concatenate([place[None], arc, place[None]])
+
+
+def _free(place: Floats, way: Floats, far: float, ground: Ground | None) -> Floats:
+    """Return how far one sees from `place` (2,) along each `way` (k, 2), at most `far`, before a wall, (k,)."""
+    if ground is None or ground.torus or not len(ground.start):
+        return np.full(len(way), far)
+    along, begin = ground.along, ground.start - place  # (W, 2)
+    cross = way[:, :1] * along[:, 1] - way[:, 1:] * along[:, 0]  # (k, W)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        there = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / cross
+        share = (begin[:, 0] * way[:, 1:] - begin[:, 1] * way[:, :1]) / cross
+    hit = (there >= 0) & (share >= 0) & (share <= 1)
+    return np.minimum(np.where(hit, there, far).min(axis=1), far)
 
 
 def mark(kind: str, place: Floats, other: Floats, wide: float) -> list[Floats]:

@@ -28,3 +28,14 @@ def empathy(condition: str) -> tuple[bool, bool]:
     if condition not in CONDITIONS:
         raise EcologyError(f"condition is one of {', '.join(map(repr, CONDITIONS))}, got {condition!r}.")
     return condition in ("cognitive", "full"), condition in ("affective", "full")
+
+
+def square(x: float, y: float, half: float) -> list[tuple[float, float]]:
+    """Return the outline of a square, to be drawn: its middle and half its side."""
+    return [
+        (x - half, y - half),
+        (x + half, y - half),
+        (x + half, y + half),
+        (x - half, y + half),
+        (x - half, y - half),
+    ]

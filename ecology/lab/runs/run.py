@@ -230,7 +230,7 @@ class Run:
             at_end.callback(self._write_summary)
             try:
                 yield self.now
-                while self.now < last:
+                while self.now < last and not self._is_extinct():
                     ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
                     if stride is not None and (rest := min(stride, ticks)) < ticks:
                         self.tick = loop.advance(
@@ -353,6 +353,10 @@ class Run:
             self._interrupt.check()
             control.wait(seconds)
 
+    def _is_extinct(self) -> bool:
+        """Return whether the run ends because nobody lives any more, as its scenario wants it."""
+        return self.scenario.until_extinct and self.now > 0 and not self.env.state_view.alive.any()
+
     def _go(self, tick: Tick) -> Tick:
         """Let the fork live the tick first that comes next, so that observers of this run see both; return `tick`."""
         if self.twin is not None:
@@ -473,6 +477,8 @@ class Run:
         }
         if self.stopped_by is not None:
             head |= {"stopped_at": self.tally.tick, "stopped_by": self.stopped_by}
+        if self.tally.tick < self.plan.ticks and self._is_extinct():
+            head |= {"extinct_at": self.tally.tick}
         if self.schedule.done:
             head |= {"interventions": self.schedule.done}
         if self.plan.forked:

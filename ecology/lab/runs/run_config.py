@@ -114,7 +114,14 @@ LATER: Mapping[str, Mapping[str, Any]] = {
     "Arena": {"holes": (), "doors": ()},
     "Need": {"set_range": None, "adaptation": None, "weight": 1.0, "excess": 1.0},
     "Resource": {"decay": 0.0, "gone_below": None, "present": None, "seeding": None},
-    "Scenario": {"cues": (), "schedule": (), "sessions": (), "memory": {}, "fields": ()},
+    "Scenario": {
+        "cues": (),
+        "schedule": (),
+        "sessions": (),
+        "memory": {},
+        "fields": (),
+        **{"props": None, "sample_every": None, "until_extinct": False},
+    },
     "Species": {
         **{"cues": (), "stages": (), "drive_power": 2.0, "traits": ()},
         **{"remains": None, "exposures": (), "faults": (), "carries": {}},
@@ -219,7 +226,10 @@ def resolve(
         ticks=ticks,
         forked=words.get("forked", {}),
         copies=copies,
-        **{key: words[key] for key in PLAIN if key in words and key not in ("scenario", "ticks")},
+        **{
+            "record_every": world.sample_every or RECORD_EVERY,
+            **{key: words[key] for key in PLAIN if key in words and key not in ("scenario", "ticks")},
+        },
     )
     for key, low in (("ticks", 1), ("seed", 0), ("record_every", 1), ("checkpoint_every", 1), ("keep_every", 0)):
         if getattr(plan, key) < low:
@@ -289,7 +299,8 @@ def _check_device(device: str, learners: Iterable[str]) -> None:
 
 def world_digest(world: Scenario) -> str:
     """Return a digest of all that a scenario says of its world, whatever the length of the run."""
-    words = words_of(dataclasses.replace(world, ticks=1, settings={}))
+    shown: dict[str, Any] = {"props": None, "sample_every": None, "until_extinct": False}
+    words = words_of(dataclasses.replace(world, ticks=1, settings={}, **shown))
     return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
 
 

@@ -169,7 +169,8 @@ def summary_at(folder: Path, ticks: int) -> dict[str, Any] | None:
     """Return the summary of a run that has lived its `ticks`, None of one that has not."""
     try:
         told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-        return told if told["ticks"] == ticks and "stopped_at" not in told else None
+        lived = told["ticks"] == ticks or "extinct_at" in told
+        return told if lived and "stopped_at" not in told else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

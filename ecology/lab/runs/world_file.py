@@ -19,7 +19,7 @@ from ecology.errors import readable
 from ecology.lab.runs.folder import replace_text
 
 WORLD = "world.json"  # in a run's folder
-LEFT_OUT = ("rule", "measures", "settings", "learner_settings")  # functions, and what nothing shown depends on
+LEFT_OUT = ("rule", "measures", "props", "settings", "learner_settings")  # functions, and what nothing shown depends on
 MOST = 10**7  # agents and patches: no recording has as many rows
 TYPE = "type"  # key of the name of a dataclass
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.decision import Decision
+from ecology.decision import Decision, Plan
 from ecology.env import Ecology
 from ecology.observers import census, colours
 from ecology.observers.base import Mind
@@ -37,15 +37,24 @@ class Watch:
     tick: Tick | None  # None before the first one
     sampled: bool  # whether a sample is taken at this tick
     sparse: bool = False  # whether what changes slowly is sampled too
+    closely: bool = False  # whether what takes long is sampled too: plans, J here and now
     turned: bool = False  # whether somebody asked for another focus
     changed: frozenset[str] = frozenset()  # species whose focus is another since the last sample
     happened: Sequence[Happening] = ()  # since the last sample
     deeds: Sequence[tuple[int, float, str]] = ()  # interventions since the last sample: tick, time, what was done
+    _plans: dict[str, Plan | None] = field(default_factory=dict)
 
     def row(self, name: str) -> int:
         """Return the slot of a species' focus within its species, -1 without one."""
         slot = self.focus.slots[name]
         return slot - self.scene.groups[name].slots.start if slot >= 0 else -1
+
+    def plan(self, name: str) -> Plan | None:
+        """Return the best that the focus of a species saw ahead when it decided, None where there is none."""
+        if name not in self._plans:
+            row = self.row(name)
+            self._plans[name] = self.minds[name].plan(row) if row >= 0 and self.scene.decides[name] else None
+        return self._plans[name]
 
     def decision(self, name: str) -> Decision | None:
         """Return the decision that the focus of a species acts on, None where there is none."""
@@ -213,10 +222,15 @@ def series(
     words: Sequence[str],
     shades: Sequence[colours.Colour],
     widths: Sequence[float] | None = None,
+    *,
+    steps: bool = False,
 ) -> None:
-    """Name and colour the series of an entity."""
+    """Name and colour the series of an entity, drawn in steps where they jump between whole numbers."""
     several = [shades[i % len(shades)] for i in range(len(words))]
-    lines = rr.SeriesLines(names=list(words), colors=several, widths=widths or [1.5] * len(words))
+    mode = rr.components.InterpolationMode.StepAfter if steps else None
+    lines = rr.SeriesLines(
+        names=list(words), colors=several, widths=widths or [1.5] * len(words), interpolation_mode=mode
+    )
     rec.log(entity, lines, static=True)
 
 

@@ -25,8 +25,7 @@ class Bodies(Panel):
         """Give bodies and headings their size and colour."""
         scene = self.scene
         shown = colours.scale(DRIVE_SCALE)[np.linspace(0, colours.SHADES - 1, STEPS).round().astype(int)]
-        top = colours.highest_drive(scene.scenario)
-        words = [f"drive {'≥ ' * (i == STEPS - 1)}{top * i / (STEPS - 1):.2f}" for i in range(STEPS)]
+        words = [f"drive at {100 * i / (STEPS - 1):.0f} % of the scale" for i in range(STEPS)]
         classes = [(i, word, c.tolist()) for i, (word, c) in enumerate(zip(words, shown, strict=True))]
         rec.log("world", rr.AnnotationContext(classes), static=True)
         colour, radius = scene.colour(self.name), scene.radius(self.species)
@@ -47,7 +46,7 @@ class Bodies(Panel):
                 numbers[word] = column["set_point"][:, rows, k]
         extra = ("drive", "reward") if scene.full else ()
         numbers |= {key: column[key][:, rows] for key in (*extra, "serial", "action")}
-        top = colours.highest_drive(scene.scenario)
+        top = np.array([[s["top"]] for s in batch.samples])
         level = (np.clip(np.nan_to_num(column["drive"][:, rows]) / top, 0, 1) * (STEPS - 1)).round().astype(np.uint16)
         drive = {"class_ids": level.reshape(-1)}
         turn = 2 * np.pi / COMPASS

@@ -19,7 +19,9 @@ class Count(Panel):
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the curves."""
         names = list(self.scene.groups)
-        series(rec, "population/count", names, [self.scene.colour(name) for name in names], [2.0] * len(names))
+        series(
+            rec, "population/count", names, [self.scene.colour(name) for name in names], [2.0] * len(names), steps=True
+        )
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""
@@ -28,5 +30,7 @@ class Count(Panel):
         scalars(rec, "population/count", batch.times, np.stack(count, axis=1))
 
     def views(self) -> list[rrb.View | rrb.Container]:
-        """Return the plot."""
+        """Return the plot where anybody can be born or die."""
+        if not (self.scene.grows or "died" in self.scene.marks):
+            return []
         return [plot("/population/count", "living, number")]

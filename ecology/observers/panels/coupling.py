@@ -8,8 +8,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers.panels.base import Batch, Panel, Watch, set_times
+from ecology.observers import colours
+from ecology.observers.panels.base import Batch, Panel, Watch, set_times, text
+from ecology.observers.scene import INK, MAP_SCALE
 
+NAMED = 12  # rows and columns up to which names stand beside them
 COUPLED = 128  # agents of a species whose coupling is drawn, at most
 
 
@@ -31,16 +34,35 @@ class Coupling(Panel):
         rows = np.flatnonzero(alive[groups[self.name].slots])[:COUPLED]
         living = [others[(others >= g.slots.start) & (others < g.slots.stop)] for g in groups.values()]
         columns = np.searchsorted(others, np.concatenate([slots[alive[slots]][:COUPLED] for slots in living]))
-        return weight[np.ix_(rows, columns)].astype(np.float32) if rows.size and columns.size else None
+        if not (rows.size and columns.size):
+            return None
+        feels = [watch.env.name_of(groups[self.name].slots.start + int(row)) for row in rows]
+        return (
+            weight[np.ix_(rows, columns)].astype(np.float32),
+            feels,
+            [watch.env.name_of(int(others[c])) for c in columns],
+        )
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
-        """Draw the matrices."""
-        for s, weight in zip(batch.samples, batch.of(self), strict=True):
-            if weight is not None:
-                set_times(rec, s["tick"], s["time"])
-                rec.log(f"population/coupling/{self.name}", rr.Tensor(weight, dim_names=("feels", "felt")))
+        """Draw the matrices, with a scale, and with names where there is room for them."""
+        entity = f"population/coupling/{self.name}"
+        for s, found in zip(batch.samples, batch.of(self), strict=True):
+            if found is None:
+                continue
+            weight, feels, felt = found
+            low, high = min(float(weight.min()), 0.0), max(float(weight.max()), 1e-9)
+            set_times(rec, s["tick"], s["time"])
+            rec.log(entity, rr.Tensor(weight, dim_names=("feels", "felt")))
+            rec.log(f"{entity}/image", rr.Image(colours.shade(MAP_SCALE, weight, low, high)))
+            (n, m), words = weight.shape, [f"dark {low:.2f}, bright {high:.2f}"]
+            spots = [(m / 2, -0.10 * n)]
+            if max(n, m) <= NAMED:
+                spots += [(-0.14 * m, i + 0.45) for i in range(n)] + [(j + 0.5, n + 0.05 * n) for j in range(m)]
+                words += [*feels, *felt]
+            rec.log(f"{entity}/names", *text(spots, words, [INK] * len(words)))
 
     def views(self) -> list[rrb.View | rrb.Container]:
-        """Return the matrix."""
-        name = self.name
-        return [rrb.TensorView(origin=f"/population/coupling/{name}", name=f"{name}: who (row) feels whom (column)")]
+        """Return the matrix: rows feel, columns are felt."""
+        entity = f"/population/coupling/{self.name}"
+        name = f"{self.name}: who (row) feels whom (column)"
+        return [rrb.Spatial2DView(origin=entity, contents=[f"+ {entity}/image", f"+ {entity}/names"], name=name)]

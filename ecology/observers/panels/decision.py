@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,12 @@ import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ecology.decision import Decision
 from ecology.observers.census import Choice
 from ecology.observers.panels.base import Batch, Panel, Watch, time_columns
 from ecology.observers.scene import Scene
 
+SHOWN = ("deviation", "position")  # kinds of components whose forecast is compared with what came
 NUMBERS = ("next_drive", "slope", "total", "score", "open")  # of a decision, in the recording
 
 
@@ -24,6 +27,9 @@ class DecisionTable(Panel):
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
         self._choices: list[Choice] = []  # since the last sample
+        self._plan: tuple[str, ...] = ()
+        self._last: tuple[tuple[int, int], Decision | None] = ((-1, -1), None)  # serial and tick of the last one
+        self._came: tuple[str, Sequence[tuple[str, float, float]]] = ("", ())
 
     def is_there(self) -> bool:
         """Return whether the mind of the species shows its decisions."""
@@ -31,14 +37,28 @@ class DecisionTable(Panel):
 
     def follow(self, watch: Watch) -> None:
         """Note the decision where it has just been made, and where a sample is taken."""
-        decision = watch.decision(self.name)
-        if decision is not None and (watch.sampled or decision.age == 1):
-            self._note(watch, decision)
-
-    def _note(self, watch: Watch, decision: Any) -> None:
-        state = watch.state
+        decision, serial = watch.decision(self.name), watch.focus.serials[self.name]
+        if decision is None or not (watch.sampled or decision.age == 1):
+            return
+        if decision.age == 1 and self._last[0] != (serial, watch.state.tick):
+            self._judge(decision, serial, watch.state.tick)
+        plan = watch.plan(self.name) if watch.closely else None
+        if decision.age == 1 or plan is not None:
+            self._plan = () if plan is None else plan.options
+        state, name = watch.state, watch.focus.name(self.name)
         self._choices = [each for each in self._choices if each.tick != state.tick]
-        self._choices.append(Choice(state.tick, state.time, watch.focus.name(self.name), decision))
+        self._choices.append(Choice(state.tick, state.time, name, decision, self._plan, *self._came))
+
+    def _judge(self, decision: Decision, serial: int, tick: int) -> None:
+        """Compare what f forecast of the option before with what came, where a new decision is made."""
+        (before, _), told = self._last
+        self._came = ("", ())
+        if told is not None and before == serial and told.after is not None and decision.zeta is not None:
+            forecast, layout = told.after[told.taken], self.scene.groups[self.name].layout
+            shown = [i for i, kind in enumerate(layout.kinds) if kind in SHOWN]
+            came = [(layout.names[i], float(forecast[i]), float(decision.zeta[i])) for i in shown]
+            self._came = (told.options[told.taken], came)
+        self._last = (serial, tick), decision
 
     def sample(self, watch: Watch) -> Any:
         """Return the decisions since the last sample, and whether there is nobody any more who decides."""
@@ -99,4 +119,9 @@ def decision_text(choice: Choice) -> str:
         if i == d.taken:
             cells = [f"**{cell}**" for cell in (f"▶ {cells[0]}", *cells[1:])]
         rows.append(f"| {' | '.join(cells)} |")
+    if choice.plan:
+        rows.insert(1, f"\nplan: {' → '.join(choice.plan)}")
+    if choice.came:
+        rows += ["", f"| after {choice.last} | f forecast | came |", "|---|---|---|"]
+        rows += [f"| {name} | {forecast:.3f} | {came:.3f} |" for name, forecast, came in choice.came]
     return "\n".join(rows)

@@ -61,5 +61,5 @@ class Events(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the log."""
-        columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+        columns = rrb.TextLogColumns(timeline_columns=["tick"], text_log_columns=["Body"])
         return [rrb.TextLogView(origin="/events", name="events", columns=columns)]

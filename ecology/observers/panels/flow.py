@@ -28,7 +28,8 @@ class Flow(Panel):
         """Name and colour the curves."""
         names, shades = list(self.scene.groups), [self.scene.colour(name) for name in self.scene.groups]
         dim = [colours.shaded(shade, 0.55) for shade in shades]
-        series(rec, "population/flow", [f"{n} born" for n in names] + [f"{n} died" for n in names], shades + dim)
+        words = [f"{n} born" for n in names] + [f"{n} died" for n in names]
+        series(rec, "population/flow", words, shades + dim, steps=True)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""

@@ -80,7 +80,7 @@ class Maps(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return a view per need."""
-        views = []
+        views: list[rrb.View | rrb.Container] = []
         for i in maps.mapped_needs(self.species):
             need = self.species.needs[i]
             there = ["+ /world/walls", "+ /world/resources", "+ /world/resources/rim"]
@@ -93,6 +93,4 @@ class Maps(Panel):
                     visual_bounds=bounds(self.scene, 0.19, 0.03),
                 )
             )
-        name = self.name
-        whose = f"the {name} then in focus" if name in self.scene.chosen else self.scene.who(name)
-        return [rrb.Grid(*views, grid_columns=len(views), name=f"deviation of {whose}")]
+        return views

@@ -25,7 +25,8 @@ class Measures(Panel):
 
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the curves."""
-        series(rec, "population/measures", self.scene.measures, colours.PALETTE)
+        cues = {cue.name for cue in self.scene.scenario.cues}
+        series(rec, "population/measures", self.scene.measures, colours.PALETTE, steps=set(self.scene.measures) <= cues)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""

@@ -12,6 +12,7 @@ from ecology.observers import colours
 from ecology.observers.census import Life
 from ecology.observers.panels.base import NO_LEGEND, STATE_TICKS, LifePanel, last, scalars, series, time_columns
 from ecology.observers.scene import FAINT, INK
+from ecology.spec import Need
 
 
 class Needs(LifePanel):
@@ -30,7 +31,8 @@ class Needs(LifePanel):
         x, n = life.internal, len(life.tick)
         bounds = np.array([(need.low, need.bounds[1]) for need in self.species.needs])
         bounds[~np.isfinite(bounds)] = np.nan
-        beside = np.concatenate([life.target[..., None], np.broadcast_to(bounds, (n, *bounds.shape))], axis=-1)
+        target = np.where([need.regulated for need in self.species.needs], life.target, np.nan)
+        beside = np.concatenate([target[..., None], np.broadcast_to(bounds, (n, *bounds.shape))], axis=-1)
         value = np.concatenate([x[..., None], beside], axis=-1).reshape(n, -1)
         scalars(rec, f"{self.base}/needs", time_columns(life.tick, life.time), value)
 
@@ -38,16 +40,26 @@ class Needs(LifePanel):
         """Return a plot per need: the variable against its set point and its bounds."""
         needs, views = self.species.needs, []
         for i, need in enumerate(needs):
+            steps = rr.components.InterpolationMode.StepAfter if not need.regulated and not need.decay else None
             shown = [i == k // 4 for k in range(4 * len(needs))]
             views.append(
                 rrb.TimeSeriesView(
                     origin=f"/{self.base}/needs",
-                    name=f"{need.name} (x* {need.set_point:g}{', moves' * (need.set_range is not None)})",
+                    name=f"{need.name} ({_aim(need)})",
                     time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
                     plot_legend=NO_LEGEND,
-                    overrides={f"{self.base}/needs": rr.SeriesLines.from_fields(visible_series=shown)},
+                    overrides={
+                        f"{self.base}/needs": rr.SeriesLines.from_fields(visible_series=shown, interpolation_mode=steps)
+                    },
                 )
             )
         who = self.scene.who(self.name)
         title = f"{who}: every need with x* (white) and bounds (grey); last {STATE_TICKS} ticks"
         return [rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)]
+
+
+def _aim(need: Need) -> str:
+    """Return what a need is regulated to."""
+    if not need.regulated:
+        return "not regulated"
+    return f"x* {need.set_point:g}{', moves' * (need.set_range is not None)}"

@@ -1,4 +1,4 @@
-"""What the agent in focus sees: its view field and its lines of sight, and its name beside it."""
+"""What the agent in focus sees: its view field and its lines of sight, a ring around it and its name beside it."""
 
 from __future__ import annotations
 
@@ -18,6 +18,11 @@ class Sight(LifePanel):
         thin = rr.Radius.ui_points(0.4)
         lines = rr.LineStrips2D.from_fields(colors=[FAINT], radii=thin, draw_order=15)
         rec.log(f"world/{self.base}", lines, static=True)
+        half = 1.45 * self.scene.radius(self.species)
+        ring = rr.Ellipses2D.from_fields(
+            half_sizes=[[half, half]], colors=[INK], line_radii=rr.Radius.ui_points(1.2), draw_order=22
+        )
+        rec.log(f"world/{self.base}/ring", ring, static=True)
         label = rr.Points2D.from_fields(radii=1e-4, colors=[INK], show_labels=True, draw_order=30)
         rec.log(f"world/{self.base}/name", label, static=True)
 
@@ -29,6 +34,8 @@ class Sight(LifePanel):
             strips += seen
             lengths.append(len(seen))
         rec.send_columns(f"world/{self.base}", times, rr.LineStrips2D.columns(strips=strips).partition(lengths))
+        rings = rr.Ellipses2D.columns(centers=life.place)
+        rec.send_columns(f"world/{self.base}/ring", times, rings)
         if self.scene.crowd:
             place = life.place - [0.0, 1.2 * self.scene.radius(self.species)]
             labels = rr.Points2D.columns(positions=place, labels=life.names)

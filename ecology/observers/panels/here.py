@@ -1,0 +1,78 @@
+"""J here and now: over the arena, for the agent in focus as it is, wherever it might stand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ecology.observers import colours, maps
+from ecology.observers.panels.base import Batch, Panel, Watch, bounds, lay, set_times, text
+from ecology.observers.scene import BACKGROUND, INK, MAP_SCALE, Scene
+
+CELLS = 40  # along the longer side of the arena
+
+
+class Here(Panel):
+    """Draws J at the state of the focus, with another place in it for every cell."""
+
+    each = True
+
+    def __init__(self, scene: Scene, name: str = "") -> None:
+        super().__init__(scene, name)
+        self._grid = maps.cover(scene.scenario.arena, CELLS)
+
+    def is_there(self) -> bool:
+        """Return whether the mind of the species has a J that can be mapped."""
+        return bool(self.scene.mapped.get(self.name))
+
+    def sample(self, watch: Watch) -> Any:
+        """Return J (rows, columns) where it is looked at closely, NaN outside; else None."""
+        row = watch.row(self.name)
+        if watch.tick is None or row < 0 or not watch.closely:
+            return None
+        names, inside = self.scene.groups[self.name].layout.names, self._grid.inside
+        rows, columns = np.nonzero(inside)
+        zeta = np.repeat(watch.tick.observations[self.name][row : row + 1], len(rows), axis=0)
+        zeta[:, names.index("x")], zeta[:, names.index("y")] = self._grid.x[columns], self._grid.y[rows]
+        value = watch.minds[self.name].deviation(row, zeta)
+        if value is None:
+            return None
+        found = np.full(inside.shape, np.nan, np.float32)
+        found[rows, columns] = value
+        return found
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Lay it on the plane."""
+        lay(rec, f"world/here/{self.name}/image", self._grid.corner, (self._grid.cell,) * 2)
+
+    def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
+        """Draw the maps."""
+        for s, value in zip(batch.samples, batch.of(self), strict=True):
+            if value is None or not np.isfinite(value).any():
+                continue
+            set_times(rec, s["tick"], s["time"])
+            low, high = float(np.nanmin(value)), float(np.nanmax(value))
+            image = colours.shade(MAP_SCALE, value, low, high)
+            image[~np.isfinite(value)] = BACKGROUND
+            rec.log(f"world/here/{self.name}/image", rr.Image(image, draw_order=-10))
+            (x, y), wide = self._grid.corner, value.shape[1] * self._grid.cell
+            ends = [(x + share * wide, y - 0.03 * value.shape[0] * self._grid.cell) for share in (0.2, 0.8)]
+            words = text(ends, [f"dark {low:.2f}", f"bright {high:.2f}"], [INK] * 2)
+            rec.log(f"world/here/{self.name}/range", *words)
+
+    def views(self) -> list[rrb.View | rrb.Container]:
+        """Return the map with the agent, its plan and its forecast in it."""
+        there = ["walls", "resources", "resources/rim", f"here/{self.name}/**", f"agents/{self.name}"]
+        there += [f"plan/{self.name}", f"forecast/{self.name}"]
+        return [
+            rrb.Spatial2DView(
+                origin="/",
+                contents=[f"+ /world/{each}" for each in there],
+                name=f"J here and now ({self.scene.who(self.name)})",
+                background=BACKGROUND,
+                visual_bounds=bounds(self.scene, 0.19, 0.03),
+            )
+        ]
