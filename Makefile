@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 RUN := runs/paper-0
 
-.PHONY: install paper test fuzz long check golden docs notebooks
+.PHONY: install paper test fuzz long browser check golden docs notebooks
 
 install: $(INSTALLED)
 
@@ -60,3 +60,8 @@ docs: install
 # executes the notebooks and keeps their output
 notebooks: install
 	$(BIN)/python docs/execute.py
+
+# the page of a served run, touched by a real browser; needs a Chromium; some minutes
+browser: install
+	$(BIN)/python -m pip install --quiet $(PIP_FLAGS) playwright
+	ECOLOGY_BROWSER=$(or $(PICTURES),1) $(BIN)/pytest -n 0 $(PYTEST_FLAGS) tests/test_browser.py

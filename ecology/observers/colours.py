@@ -27,6 +27,7 @@ PALETTE: tuple[Colour, ...] = (
     (0, 114, 178),  # blue
     (170, 170, 170),  # grey
 )
+NAMES = ("orange", "light blue", "green", "yellow", "red", "pink", "blue", "grey")  # of the palette
 ALONE: Colour = (245, 245, 245)  # a species alone: off the scale that shows the drive
 SPECIES: tuple[Colour, ...] = tuple(PALETTE[i] for i in (1, 4, 2, 5, 3, 6, 0, 7))
 RESTING, SLEEPING = (105, 110, 120), (95, 85, 165)
@@ -35,6 +36,12 @@ MOVING, TURNING = (215, 220, 230), (150, 156, 168)
 SHADES = 256
 DARKEST = {"plasma": 0.3}  # share of a scale that is left out: its dark end would not stand out from the floor
 RECENT = 50  # samples after which the colour scale of the drive may be lowered
+
+
+def colour_name(shade: Colour) -> str:
+    """Return what a colour is called: the nearest of the palette, of white and of black."""
+    known = {**dict(zip(NAMES, PALETTE, strict=True)), "white": (245, 245, 245)}
+    return min(known, key=lambda name: sum((a - b) ** 2 for a, b in zip(known[name], shade, strict=True)))
 
 
 def need_colour(index: int) -> Colour:

@@ -37,6 +37,7 @@ from ecology.observers.panels.marks import Marks
 from ecology.observers.panels.measures import Measures
 from ecology.observers.panels.minds import Minds
 from ecology.observers.panels.needs import Needs
+from ecology.observers.panels.nobody import Nobody
 from ecology.observers.panels.numbers import Numbers
 from ecology.observers.panels.plane import Plane
 from ecology.observers.panels.props import Props
@@ -64,9 +65,9 @@ def rows(*parts: type[Panel] | Box, shares: Sequence[float] = ()) -> Box:
     return Box("rows", parts, shares)
 
 
-def columns(*parts: type[Panel] | Box) -> Box:
-    """Return panels side by side."""
-    return Box("columns", parts)
+def columns(*parts: type[Panel] | Box, shares: Sequence[float] = ()) -> Box:
+    """Return panels side by side, with shares of the width."""
+    return Box("columns", parts, shares)
 
 
 def tabs(*parts: type[Panel] | Box) -> Box:
@@ -75,13 +76,12 @@ def tabs(*parts: type[Panel] | Box) -> Box:
 
 
 # layers of the arena, the lowest first
-ARENA: Sequence[type[Panel]] = (Plane, Legend, Fields, Props, Resources, Bodies, Trails, Sight, Ahead, Marks)
+ARENA: Sequence[type[Panel]] = (Plane, Legend, Fields, Props, Resources, Bodies, Trails, Sight, Ahead, Marks, Nobody)
 LIFE = rows(
     tabs(Needs, Shares, Deviation, Everyone),
     Action,
-    columns(Drive, Reward),
-    columns(DecisionTable, tabs(Losses, Expectation, Error, Numbers)),
-    shares=(3.0, 1.1, 1.6, 2.6),
+    columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.7, 1.0)),
+    shares=(2.4, 1.0, 3.4),
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 STRIP = columns(Count, Drives)  # below the minds of a crowd
@@ -90,7 +90,7 @@ UNSEEN: Sequence[type[Panel]] = (Minds,)  # recorded for who looks back
 FORK: Sequence[type[Panel]] = (*(kind for kind in ARENA if kind is not Legend), DecisionTable)  # of the other future
 UNTOUCHED = (  # of the plane: all but the bodies
     *("walls", "floor", "axes", "legend", "fields", "doors", "resources", "trail", "marks", "props"),
-    *("focus", "chosen", "plan", "forecast", "came"),
+    *("focus", "chosen", "plan", "forecast", "came", "nobody"),
 )
 FORKED = "fork"  # the entity below which it lies
 
@@ -160,7 +160,7 @@ def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
     if not shown:
         return []
     whose = f"the {name} then in focus" if name in scene.chosen else scene.who(name)
-    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"deviation of {whose}")]
+    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}: now, and with one need at its worst")]
 
 
 def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -> Any:
@@ -179,7 +179,9 @@ def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -
         return shown[0] if shown else None
     if box.how == "rows":
         return rrb.Vertical(*shown, row_shares=shares, name=name)
-    return rrb.Horizontal(*shown, name=name) if box.how == "columns" else rrb.Tabs(*shown, active_tab=0, name=name)
+    if box.how == "columns":
+        return rrb.Horizontal(*shown, column_shares=shares, name=name)
+    return rrb.Tabs(*shown, active_tab=0, name=name)
 
 
 def _futures(scene: Scene, names: Sequence[str]) -> rrb.Container:

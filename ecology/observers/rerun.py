@@ -26,6 +26,7 @@ from ecology.observers.control import Control
 from ecology.observers.drawing import Drawing, open_scene
 from ecology.observers.layout import FORK, blueprint
 from ecology.observers.panels.base import Watch
+from ecology.observers.panels.decision import headline
 from ecology.observers.panels.futures import Futures
 from ecology.observers.readback import recording_id
 from ecology.observers.recording_file import RecordingFile, cut
@@ -111,6 +112,7 @@ class RerunObserver:
         self._ended = True  # until it begins
         self._file: RecordingFile | None = None
         self._drawing: Drawing | None = None
+        self.mind = ""  # the decision of the agent that is shown first, and its plan, at the last sample
 
     @property
     def url(self) -> str | None:
@@ -183,6 +185,13 @@ class RerunObserver:
 
     def _sample(self, look: Watch) -> None:
         """Take a sample, with the other future where there is one."""
+        first = self._sampler.shown_first
+        if first and (decision := look.decision(first)) is not None:
+            plan = look.plan(first) if look.closely else None
+            ahead = "" if plan is None else f"; plan: {' → '.join(plan.options)}"
+            self.mind = headline(decision, look.state.tick) + ahead
+        else:
+            self.mind = ""
         sample = self._sampler.sample(look)
         if self._side is not None and self._futures is not None:
             other = self._side.look()

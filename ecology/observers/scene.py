@@ -102,7 +102,7 @@ class Scene:
         rows: list[list[tuple[float, str, colours.Colour]]] = [[]]
         at = 0.0
         for word, shade in self._legend():
-            wide = self.size * (0.05 + 0.0125 * len(word))
+            wide = self.size * (0.07 + 0.02 * len(word))
             if at + wide > width and rows[-1]:
                 rows.append([])
                 at = 0.0

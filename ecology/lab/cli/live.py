@@ -205,6 +205,7 @@ class Audience:
         control.seen(page, shown)
         alive = {name: int(state.alive[g.slots].sum()) for name, g in self._run.env.groups.items() if g.size}
         more: dict[str, Any] = {"ticks": self._run.plan.ticks, "alive": alive, "focus": self._rerun.focus}
+        more |= {"mind": self._rerun.mind}
         more |= {"over": self._over, "fork": self._fork_status()}
         return {**control.status(), "tick": state.tick, **more, "folder": str(self._run.folder)}
 

@@ -209,7 +209,7 @@ class Run:
         watchers = (self.tally, *observers, interrupt)
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
-        text = self.plan.to_toml()
+        text, stride = self.plan.to_toml(), 1 if self.scenario.until_extinct else stride
         check_links(self.folder)
         with writable(self.folder, self._go_on), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             at_end.enter_context(self._lives(observers))

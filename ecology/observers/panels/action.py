@@ -46,7 +46,7 @@ class Action(LifePanel):
         return [
             rrb.StateTimelineView(
                 origin=f"/{self.base}/action",
-                name=f"{self.scene.who(self.name)}: action; last {ACTION_TICKS} ticks",
+                name=f"action, last {ACTION_TICKS} ticks",
                 time_ranges=last(ACTION_TICKS, self.scene.scenario.dt),
                 time_view=latest,
             )

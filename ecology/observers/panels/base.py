@@ -255,9 +255,15 @@ def set_times(rec: rr.RecordingStream, tick: int, time: float) -> None:
     rec.set_time("sim_time", duration=float(time))
 
 
-def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None) -> rrb.TimeSeriesView:
-    """Return a view of series over the whole run."""
-    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=LEGEND, axis_x=ALWAYS, overrides=overrides)
+def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None, *, legend: bool = False) -> Any:
+    """Return a view of series over the whole run; its name says which is which, or a legend."""
+    shown = LEGEND if legend else NO_LEGEND
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=shown, axis_x=ALWAYS, overrides=overrides)
+
+
+def called(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
+    """Return which curve has which colour: "f orange, J blue"."""
+    return ", ".join(f"{word} {colours.colour_name(shade)}" for word, shade in zip(words, shades, strict=False))
 
 
 def bounds(scene: Scene, below: float, above: float) -> rrb.VisualBounds2D:

@@ -33,4 +33,4 @@ class Count(Panel):
         """Return the plot where anybody can be born or die."""
         if not (self.scene.grows or "died" in self.scene.marks):
             return []
-        return [plot("/population/count", "living, number")]
+        return [plot("/population/count", "living")]

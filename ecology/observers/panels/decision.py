@@ -96,19 +96,24 @@ class DecisionTable(Panel):
         return [rrb.TextDocumentView(origin=f"/{self.base}/decision", name="decision in force")]
 
 
+def headline(d: Decision, tick: int, *, bold: bool = False) -> str:
+    """Return what was taken of a decision as it stands at `tick`: "walk, chosen at 3,981, tick 4 of 10"."""
+    mark = "**" if bold else ""
+    how_far = f"tick {d.age}" + ("" if d.length is None else f" of {max(d.length, d.age)}")
+    marks = ["explored"] * bool(d.explored) + ["nothing learned yet"] * (not d.learned)
+    words = [f"{mark}{d.options[d.taken]}{mark}, chosen at {tick - d.age:,}, {how_far}"]
+    words += [f"{mark}{each}{mark}" for each in marks]
+    words += ["not in focus when it chose: scores by what it knows now"] * d.recalled
+    return "; ".join(words)
+
+
 def decision_text(choice: Choice) -> str:
     """Return a decision in Markdown: what was taken and when, and a table with the least score first."""
     d = choice.decision
-    taken, since = d.options[d.taken], choice.tick - d.age
-    how_far = f"tick {d.age}" + ("" if d.length is None else f" of {max(d.length, d.age)}")
-    marks = ["**explored**"] * bool(d.explored) + ["**nothing learned yet**"] * (not d.learned)
-    if d.recalled:
-        marks.append("not in focus when it chose: scores by what it knows now")
+    head = f"**{choice.name}**: " + headline(d, choice.tick, bold=True)
     order = np.argsort(np.where(d.open, d.score, np.inf), kind="stable")
     rows = [
-        f"**{choice.name}**: **{taken}**, chosen at {since:,}, {how_far}"
-        + "".join(f"; {mark}" for mark in marks)
-        + f"; -ln(γ) J = {d.value:.3f}",
+        f"{head}; -ln(γ) J = {d.value:.3f}",
         "",
         "| option | next drive | dJ/dζ·f | sum | score |",
         "|---|---|---|---|---|",

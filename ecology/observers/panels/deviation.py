@@ -28,7 +28,7 @@ class Deviation(LifePanel):
         return [
             rrb.TimeSeriesView(
                 origin=f"/{self.base}/deviation",
-                name="x - x* of every need, its own unit",
+                name="x - x*",
                 time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
                 plot_legend=LEGEND,
             )

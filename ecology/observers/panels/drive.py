@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import Life
-from ecology.observers.panels.base import LifePanel, plot, scalars, series, time_columns
+from ecology.observers.panels.base import LifePanel, called, plot, scalars, series, time_columns
 
 
 class Drive(LifePanel):
@@ -16,11 +16,15 @@ class Drive(LifePanel):
 
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the curves."""
+        series(rec, f"{self.base}/drive", *self._curves())
+
+    def _curves(self) -> tuple[list[str], list[colours.Colour]]:
+        """Return names and colours of the curves."""
         many, feels = self.scene.groups[self.name].size > 1, self.species.empathy is not None
         who = self.scene.chosen.get(self.name, "in focus" if many else self.scene.names[self.name])
         words = [who, *(["its own", "felt of others"] * feels), *(["mean of the species"] * many)]
         felt = [colours.PALETTE[1], colours.PALETTE[5]] * feels
-        series(rec, f"{self.base}/drive", words, [(240, 240, 240), *felt, colours.PALETTE[0]])
+        return words, [(240, 240, 240), *felt, colours.PALETTE[0]]
 
     def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
         """Draw them."""
@@ -32,5 +36,7 @@ class Drive(LifePanel):
         """Return the plot."""
         # after the fact, of many, what is felt of others is not known
         known = self.scene.full or self.name not in self.scene.chosen or self.species.empathy is None
-        title = "drive, whole life" if known else "drive of its own needs, whole life"
+        words, shades = self._curves()
+        short = [word.removesuffix(" of the species").removesuffix(" of others").removeprefix("its ") for word in words]
+        title = ("drive" if known else "own drive") + (f": {called(short[1:], shades[1:])}" if len(words) > 1 else "")
         return [plot(f"/{self.base}/drive", title)]

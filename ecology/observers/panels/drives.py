@@ -39,4 +39,4 @@ class Drives(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [plot("/population/drive", "drive of the living: mean and spread (one sd)")]
+        return [plot("/population/drive", "drive of the living: mean, one sd")]

@@ -42,4 +42,4 @@ class Error(Panel):
         """Return the plot, of the focus alone."""
         if self.name in self.scene.chosen:
             return []
-        return [plot(f"/learning/{self.name}/error", "error of f per variable; 1: no better than no change")]
+        return [plot(f"/learning/{self.name}/error", "error of f, 1: as bad as no change", legend=True)]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TimelineColumn
 
 from ecology.observers import census, colours
 from ecology.observers.panels.base import Batch, Panel, Watch, time_columns
@@ -56,10 +57,12 @@ class Events(Panel):
         shades = colours.packed(np.array([MARKED.get(kind, FAINT) for kind in kinds], np.uint8))
         if name == "interventions":
             shades = np.full(len(rows), DEED, np.uint32)
+        texts = [f"{tick:,}  {words}" for tick, words in zip(ticks, texts, strict=True)]
         lines = rr.TextLog.columns(text=texts, level=kinds, color=shades)
         rec.send_columns(f"events/{name}", time_columns(np.array(ticks), np.array(nows)), lines)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the log."""
-        columns = rrb.TextLogColumns(timeline_columns=["tick"], text_log_columns=["Body"])
+        ticks = TimelineColumn("tick", visible=False)  # its column would be too narrow: the words tell it
+        columns = rrb.TextLogColumns(timeline_columns=[ticks], text_log_columns=["Body"])
         return [rrb.TextLogView(origin="/events", name="events", columns=columns)]

@@ -42,5 +42,5 @@ class Everyone(Panel):
                     overrides={f"world/agents/{name}": [lines]},
                 )
             )
-        title = f"every {name}; click one in the arena"
+        title = f"every {name}"
         return [rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)]

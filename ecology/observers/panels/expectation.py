@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import ALWAYS, LEGEND, Batch, Panel, Watch, scalars, series, time_columns
+from ecology.observers.panels.base import ALWAYS, NO_LEGEND, Batch, Panel, Watch, scalars, series, time_columns
 from ecology.observers.scene import Scene
 
 
@@ -64,8 +64,8 @@ class Expectation(Panel):
             rrb.TimeSeriesView(
                 origin=f"/learning/{self.name}",
                 contents=[f"+ /learning/{self.name}/J", f"+ /learning/{self.name}/met"],
-                name="J against the drive met afterwards",
-                plot_legend=LEGEND,
+                name="J orange, drive met light blue",
+                plot_legend=NO_LEGEND,
                 axis_x=ALWAYS,
             )
         ]

@@ -39,4 +39,4 @@ class Flow(Panel):
         """Return the plot where anybody can be born or die."""
         if not (self.scene.grows or "died" in self.scene.marks):
             return []
-        return [plot("/population/flow", "born and died so far, number")]
+        return [plot("/population/flow", "born (bright) and died (dim) so far")]

@@ -111,9 +111,9 @@ class Futures(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return what differs, and the curves of both."""
-        curves = [plot("/futures/drive", "mean own drive, both futures"), plot("/futures/apart", "how far apart")]
+        curves = [plot("/futures/drive", "own drive (fork thin)"), plot("/futures/apart", "distance")]
         crowd = sum(group.size for group in self.scene.groups.values()) > 1
-        living = [plot("/futures/living", "living, both futures")] if crowd else []
+        living = [plot("/futures/living", "living (fork thin)")] if crowd else []
         return [
             rrb.TextDocumentView(origin="/futures/text", name="what differs"),
             rrb.Horizontal(*living, *curves),

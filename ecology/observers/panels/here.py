@@ -71,7 +71,7 @@ class Here(Panel):
             rrb.Spatial2DView(
                 origin="/",
                 contents=[f"+ /world/{each}" for each in there],
-                name=f"J here and now ({self.scene.who(self.name)})",
+                name="now",
                 background=BACKGROUND,
                 visual_bounds=bounds(self.scene, 0.19, 0.03),
             )

@@ -32,7 +32,7 @@ class Legend(Panel):
             shades = [shade for _, _, shade in row]
             dots = np.stack([xs, np.full(len(row), y)], axis=1)
             rec.log(f"world/legend/{i}", rr.Points2D(dots, radii=0.009 * size, colors=shades), static=True)
-            middle = [(x + (0.02 + 0.006 * len(word)) * size, y + 0.022 * size)
+            middle = [(x + (0.03 + 0.009 * len(word)) * size, y + 0.022 * size)
                       for x, (_, word, _) in zip(xs, row, strict=True)]  # fmt: skip
             write(rec, f"world/legend/{i}/words", middle, [word for _, word, _ in row])
 

@@ -62,4 +62,4 @@ class Losses(Reported):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [plot(f"/{self.entity}", f"losses, log10: {', '.join(self.words)}")]
+        return [plot(f"/{self.entity}", f"log10 loss {', '.join(word.removeprefix('loss_') for word in self.words)}")]

@@ -88,7 +88,7 @@ class Maps(Panel):
                 rrb.Spatial2DView(
                     origin="/",
                     contents=[*there, f"+ /world/maps/{self.name}/{need.name}/**"],
-                    name=f"J, {need.name} at {-need.set_point:g}",
+                    name=need.name,
                     background=BACKGROUND,
                     visual_bounds=bounds(self.scene, 0.19, 0.03),
                 )

@@ -34,4 +34,6 @@ class Measures(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [plot("/population/measures", "measures and cues of the scenario")]
+        measures = self.scene.measures
+        name = measures[0] if len(measures) == 1 else "measures and cues"
+        return [plot("/population/measures", name, legend=len(measures) > 1)]

@@ -45,7 +45,7 @@ class Needs(LifePanel):
             views.append(
                 rrb.TimeSeriesView(
                     origin=f"/{self.base}/needs",
-                    name=f"{need.name} ({_aim(need)})",
+                    name=f"{need.name}{_aim(need)}",
                     time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
                     plot_legend=NO_LEGEND,
                     overrides={
@@ -53,13 +53,12 @@ class Needs(LifePanel):
                     },
                 )
             )
-        who = self.scene.who(self.name)
-        title = f"{who}: every need with x* (white) and bounds (grey); last {STATE_TICKS} ticks"
+        title = "needs: white x*, grey bounds"
         return [rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)]
 
 
 def _aim(need: Need) -> str:
     """Return what a need is regulated to."""
     if not need.regulated:
-        return "not regulated"
-    return f"x* {need.set_point:g}{', moves' * (need.set_range is not None)}"
+        return ""
+    return " (x* moves)" if need.set_range is not None else f" (x* {need.set_point:g})"

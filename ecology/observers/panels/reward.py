@@ -29,7 +29,7 @@ class Reward(LifePanel):
         return [
             rrb.TimeSeriesView(
                 origin=f"/{self.base}/reward",
-                name=f"reward, last {STATE_TICKS} ticks",
+                name="reward",
                 time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
                 plot_legend=NO_LEGEND,
             )

@@ -36,7 +36,7 @@ class Shares(LifePanel):
         return [
             rrb.TimeSeriesView(
                 origin=f"/{self.base}/shares",
-                name="shares of the needs in its own drive, drive units",
+                name="what it wants: shares of its drive",
                 time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
                 plot_legend=LEGEND,
             )

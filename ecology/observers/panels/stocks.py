@@ -35,4 +35,4 @@ class Stocks(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [plot("/population/stocks", "stocks, units of intake")]
+        return [plot("/population/stocks", "stocks", legend=len(self.scene.stocked) > 1)]

@@ -1,0 +1,180 @@
+"""A real browser touches a run: the page of `run --serve` from its first tick to a look back.
+
+Needs Playwright and a Chromium, and some minutes: `make browser` runs it, and nothing else does.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from same_end import same_end
+
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), ""
+)
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+PATIENCE = 240.0  # seconds; the viewer is drawn by the processor
+GARDEN = """
+'''Two animals that feel for each other, water and a food between them.'''
+from ecology import Arena, Empathy, Need, Resource, Scenario, Species, consume, go_to, move, rest, turn
+
+def build(ticks=90):
+    needs = (Need(name="thirst", set_point=1.0, decay=0.01, bounds=(0.0, 2.0)),
+             Need(name="hunger", set_point=1.0, decay=0.01, bounds=(0.0, 2.0)))
+    actions = (rest(), move("walk", 0.1), turn("left", 0.4), turn("right", -0.4), consume("water", {"thirst": 0.1}),
+               consume("food", {"hunger": 0.1}), go_to("water", 0.1), go_to("food", 0.1))
+    animal = Species(name="animal", count=2, needs=needs, actions=actions, view_range=6.0, radius=0.1,
+                     empathy=Empathy(weight=0.5))
+    resources = (Resource(name="water", position=(1.0, 1.0), radius=0.4),
+                 Resource(name="food", position=(3.0, 3.0), radius=0.4))
+    return Scenario(name="garden", arena=Arena(vertices=((0, 0), (4, 0), (4, 4), (0, 4))), species=(animal,),
+                    resources=resources, ticks=ticks)
+"""
+
+pytestmark = [
+    pytest.mark.skipif("ECOLOGY_BROWSER" not in os.environ, reason="takes minutes; `make browser` runs it"),
+    pytest.mark.skipif(importlib.util.find_spec("playwright") is None, reason="Playwright is not installed"),
+    pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium"),
+]
+
+
+def command(*words: str) -> list[str]:
+    """Return the command line of `ecology` with `words`."""
+    return [sys.executable, "-c", "from ecology.lab.cli import main; import sys; main(sys.argv[1:])", *words]
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Return a browser's page on a run of the garden that is paused before its first tick, in ./run."""
+    from playwright.sync_api import sync_playwright
+
+    monkeypatch.chdir(tmp_path)
+    Path("garden.py").write_text(GARDEN)
+    words = ("run", "garden.py", "--serve", "--paused", "--out", "run", "--record", "every=5")
+    run = subprocess.Popen(command(*words), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert run.stdout is not None
+    try:
+        address = next(found[1] for line in run.stdout if (found := re.search(r"watch in a browser: (\S+)", line)))
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            shown = browser.new_page(viewport={"width": 700, "height": 560})
+            shown.set_default_timeout(1000 * PATIENCE)
+            shown.goto(f"{address}?renderer=webgl")
+            shown.wait_for_selector("#said", state="detached")
+            yield shown
+            browser.close()
+    finally:
+        run.send_signal(signal.SIGINT)
+        try:
+            run.wait(60)
+        finally:
+            run.kill()
+            run.stdout.close()
+
+
+def until(page: Any, what: Callable[[], bool], why: str) -> None:
+    """Wait until something holds."""
+    end = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < end, f"{why}; the bar says {page.inner_text('#bar')!r}"
+        time.sleep(0.2)
+
+
+def clock(page: Any) -> str:
+    """Return what the bar says of the time."""
+    return " ".join(page.inner_text("#clock").split())
+
+
+def step(page: Any, tick: int) -> None:
+    """Step one tick, to `tick`."""
+    page.keyboard.press("ArrowRight")
+    until(page, lambda: clock(page).startswith(f"tick {tick} of 90"), f"no step to {tick}")
+
+
+def shot(page: Any, name: str) -> None:
+    """Keep a picture of the page where ECOLOGY_BROWSER names a folder."""
+    if (folder := Path(os.environ["ECOLOGY_BROWSER"])).is_dir():
+        page.screenshot(path=str(folder / f"{name}.png"))
+
+
+def test_a_browser_touches_a_run(page: Any) -> None:
+    """It steps, drags a food, sees another plan, cuts empathy, forks, lives to the end, looks back and reloads.
+
+    The log of the run, replayed, gives the same life bit for bit, and so does that of its fork.
+    """
+    assert clock(page) == "tick 0 of 90 · paused"
+    for tick in (1, 2, 3):
+        step(page, tick)
+    until(page, lambda: "plan:" in page.inner_text("#focused"), "no plan is shown")
+    before = page.inner_text("#focused")
+    shot(page, "1-stepped")
+
+    # drag the food to the other corner
+    page.keyboard.press("m")
+    food = page.locator('#map [data-name="food"]')
+    food.wait_for()
+    box, field = food.bounding_box(), page.locator("#map polygon").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(field["x"] + 0.2 * field["width"], field["y"] + 0.3 * field["height"], steps=4)
+    page.mouse.up()
+    until(page, lambda: "food" in page.inner_text("#done"), "the food was not moved")
+    page.keyboard.press("Escape")
+    page.keyboard.press("ArrowDown")  # to the next decision
+    until(page, lambda: "paused" in clock(page) and page.inner_text("#focused") != before, "no other plan")
+    assert "plan:" in page.inner_text("#focused")
+    shot(page, "2-dragged")
+
+    page.keyboard.press("i")
+    page.fill("#deed input", "empathy animal off")
+    page.keyboard.press("Enter")
+    until(page, lambda: "empathy" in page.inner_text("#deed-said"), "empathy was not cut")
+    page.keyboard.press("Escape")
+
+    at = int(clock(page).split()[1])
+    page.keyboard.press("k")
+    page.fill("#split input", "empathy animal on")
+    page.keyboard.press("Enter")
+    until(page, lambda: f"fork run-at-{at} since {at}: 2 animal" in page.inner_text("#forked"), "there is no fork")
+    page.keyboard.press("Escape")
+    step(page, at + 1)
+    shot(page, "3-forked")
+
+    page.keyboard.press(" ")
+    until(page, lambda: "· over" in clock(page), "the run does not end")
+    assert page.inner_text("#lag").startswith("The run is over. It lies in ")
+    page.wait_for_selector("#back")
+    time.sleep(3)
+    for again in range(2):  # look back, and load it once more
+        page.reload()
+        page.wait_for_selector("#said", state="detached")
+        assert clock(page) == "recorded: looking back"
+        assert page.title().startswith("run")
+        shot(page, f"{4 + again}-back")
+    check_replays(at)
+
+
+def check_replays(at: int) -> None:
+    """Repeat the run and its fork by what they kept, and compare the ends bit for bit."""
+    log = Path("run/interventions.jsonl").read_text()
+    assert log.count("\n") == 2
+    assert '"do": "move food ' in log
+    assert '"do": "empathy animal off"' in log
+    quiet = ("--quiet", "--no-record")
+    words = ("run", "--config", "run/config.toml", "--replay", "run/interventions.jsonl", "--out", "again", "--trust")
+    subprocess.run(command(*words, *quiet), check=True)
+    same_end("run", "again")
+    words = ("fork", "again", "--at", str(at), "--do", "empathy animal on", "--out", "other", "--trust")
+    subprocess.run(command(*words, *quiet), check=True)
+    same_end(f"run-at-{at}", "other")
