@@ -13,7 +13,7 @@ from ecology.agents.evaluation import DeviationCheck, Findings, Life, Maps
 from ecology.ground.outline import drawn_lines
 from ecology.observers import recorder
 from ecology.observers.colours import need_colour, resource_colours, shaded
-from ecology.observers.plotting import Axes, Circle, Figure, LineCollection, Polygon, new_figure
+from ecology.observers.plotting import Axes, Circle, Figure, LineCollection, Polygon, new_figure, save_figure
 from ecology.state import Floats, Ints
 
 DPI = 130
@@ -289,7 +289,7 @@ def draw(
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=DPI)
+        save_figure(figure, paths[-1], DPI)
     return paths
 
 

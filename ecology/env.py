@@ -30,7 +30,11 @@ class Ecology(ParallelEnv):
     `copy.deepcopy` and `pickle` take a world at any tick, and the copy continues bit for bit.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"name": "ecology", "render_modes": ["rgb_array"], "is_parallelizable": True}
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "ecology",
+        "render_modes": ["rgb_array", "human"],
+        "is_parallelizable": True,
+    }
 
     def __init__(self, scenario: Scenario, *, horizon: int | None = None, render_mode: str | None = None) -> None:
         """Build the world of `scenario`; after `horizon` ticks every agent is truncated."""
@@ -56,6 +60,7 @@ class Ecology(ParallelEnv):
             founders = self.world.model.founders()
             self.possible_agents = [f"{s.name}_{serial}" for s, serials in founders for serial in serials]
         self._named: tuple[int, list[str], dict[str, int]] = -1, [], {}  # turnover, then `agents` and their slots
+        self._window: Any = None  # of render_mode "human"
         self._picture: Any = None  # of `render`, drawn upon again and again
 
     def __getstate__(self) -> dict[str, Any]:
@@ -359,17 +364,28 @@ class Ecology(ParallelEnv):
         )
 
     def render(self) -> np.ndarray | None:
-        """Return a picture of the world, uint8 (height, width, 3), for render_mode "rgb_array"."""
+        """Return a picture of the world, uint8 (height, width, 3), for "rgb_array"; show it in a window for "human"."""
         if self.render_mode is None:
             return None
         from ecology.observers.picture import Picture, frame  # loads the plotting library
 
         if self._picture is None:
             self._picture = Picture(self.scenario)
-        return self._picture.draw(frame(self.scenario, self.world.state.readonly(), self.world.model))
+        picture = self._picture.draw(frame(self.scenario, self.world.state.readonly(), self.world.model))
+        if self.render_mode != "human":
+            return picture
+        if self._window is None:
+            from ecology.observers.window import Window
+
+            self._window = Window(self.scenario.name)
+        self._window.show(picture)
+        return None
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Close the window of render_mode "human"."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
 
 
 def _next_seed(last: int | None) -> int:

@@ -23,6 +23,7 @@ from ecology.agents.hjb.devices.cpu.device import Cpu
 from ecology.agents.hjb.devices.cpu.learning import positions
 from ecology.agents.hjb.devices.cpu.llvm import X86
 from ecology.agents.hjb.devices.plain.device import Plain
+from ecology.agents.hjb.plan import best_plan
 from ecology.agents.hjb.devices.records import Encoding
 from ecology.agents.hjb.devices.torch.device import Torch
 from ecology.lab.cli import main
@@ -212,6 +213,24 @@ def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: 
             assert not ahead.open.any()
             asked += decided.size
     assert asked > 20
+
+
+def test_the_plan_that_is_shown_is_the_lookaheads_best() -> None:
+    """Its score is the least of the scores that the agent compares, and it begins with the movement that has it."""
+    learner = learned({})
+    layout, rng = learner.group.layout, np.random.default_rng(3)
+    for slot in range(3):
+        zeta = rng.uniform(layout.low, layout.high).astype(np.float32)
+        open_ = rng.random(learner.count) < 0.5
+        score = learner.scores(np.array([slot]), zeta[None], open_[None])[0]
+        plan = best_plan(learner, slot, zeta, open_)
+        assert plan is not None
+        assert plan.score == pytest.approx(score.min(), rel=1e-3)
+        assert plan.options[0] == learner.moves.names[int(score.argmin())]
+        assert plan.states.shape == (len(plan.options) + 1, learner.components)
+        assert len(plan.options) == learner.settings.depth
+    learner.memory.count[:] = 0  # at the first decision nothing is remembered
+    assert best_plan(learner, 0, zeta, open_) is not None
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -567,7 +567,9 @@ def test_events_are_told_by_name(tmp_path):
     seen = []
     for species in env.groups:
         ticks, texts = column(path, f"/events/{species}", "TextLog:text")
-        seen += [(int(tick), text[0]) for tick, text in zip(ticks, texts, strict=True)]
+        told_at = [text[0].split("  ", 1) for text in texts]
+        assert [at for at, _ in told_at] == [f"{tick:,}" for tick in ticks]  # words tell their tick
+        seen += [(int(tick), text) for tick, (_, text) in zip(ticks, told_at, strict=True)]
     meals = (" ate ", " slept", "focus:")
     assert sorted(expected) == sorted(e for e in seen if not any(word in e[1] for word in meals))
     words = " ".join(text for _, text in seen)

@@ -76,7 +76,8 @@ def _search(s: Encoding, own: Agent, past: Past, first: Tensor, open_: np.ndarra
         nodes = _expand(s, own, past, nodes)
         if depth < s.depth - 1:
             nodes = _take(nodes, _best(s, nodes))
-            nodes = nodes._replace(open=past.open[_nearest(s, past, nodes.state)])
+            if past.count:  # without any decision behind it, what is open now may be open then
+                nodes = nodes._replace(open=past.open[_nearest(s, past, nodes.state)])
     at = int(np.argmin(nodes.score))
     return Plan(tuple(map(str, nodes.ways[at])), np.stack(nodes.states[at]), float(nodes.score[at]))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ecology.errors import EcologyError, check_writable
 from ecology.observers.frame import Frame
-from ecology.observers.picture import Picture
+from ecology.observers.picture import Picture, Shot
 from ecology.scenario import Scenario
 from ecology.spec import require
 
@@ -26,9 +26,12 @@ def film(
     target: Path,
     *,
     fps: float = 20.0,
+    shot: Shot | None = None,
     tell: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Write `frames` as a new file, .gif or .mp4, at `fps` frames per second; `tell` hears of each one.
+    """Write `frames` as a new file, .gif or .mp4, at `fps` frames per second, taken as `shot` says.
+
+    `tell` hears of each one.
 
     Raises EcologyError, and leaves no file, where it exists or cannot be written.
     """
@@ -40,7 +43,7 @@ def film(
     )
 
     def pictures() -> Iterable[np.ndarray]:
-        picture = Picture(scenario)
+        picture = Picture(scenario, shot)
         for i, shown in enumerate(frames):
             tell(i)
             yield picture.draw(shown)

@@ -11,7 +11,20 @@ from ecology.ground import plane_of
 from ecology.model import Model
 from ecology.observers import places, shapes
 from ecology.scenario import Scenario
+from ecology.spec import Species
 from ecology.state import Floats, State
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One agent at one tick: where it is, its needs and its decision."""
+
+    name: str
+    place: Floats  # (2,), NaN where it does not live
+    species: Species
+    needs: Floats  # (V,) x
+    target: Floats  # (V,) x*
+    decision: str  # in Markdown, "" where none was recorded
 
 
 @dataclass(frozen=True)
@@ -28,6 +41,7 @@ class Frame:
     doors: Sequence[np.ndarray] = ()  # those that are closed, lines (2, 2)
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)  # how strong, uint8 (rows, columns); none of a film
     marks: Mapping[str, Sequence[np.ndarray]] = field(default_factory=dict)  # kind -> strips (k, 2)
+    followed: Followed | None = None  # whose mind is shown beside the arena
 
 
 def frame(scenario: Scenario, state: State, model: Model | None = None) -> Frame:

@@ -70,6 +70,7 @@ class Hindsight:
             fork=self._fork_name() if f"/{FORKED}/world/walls" in there else "",
             full=len(drives[0]) > 0,
             few=few,
+            lived_until=self._lived_until(),
             has_props=any(path.startswith("/world/props/") for path in there),
         )
 
@@ -222,6 +223,20 @@ class Hindsight:
             ],
             rr.TextDocument.columns(text=shown[new].tolist(), media_type=["text/markdown"] * len(new)),
         )
+
+    def _lived_until(self) -> int | None:
+        """Return the last recorded tick at which anybody lived; None where somebody does at the end."""
+        last, end = -1, 0
+        for name in self._groups:
+            ticks, places = self._column(f"{AGENTS}/{name}", "Points2D:positions")
+            alive = np.isfinite(places).any(axis=tuple(range(1, places.ndim)))
+            last, end = max(last, int(ticks[alive].max(initial=-1))), max(end, int(ticks.max(initial=0)))
+        return last if 0 <= last < end else None
+
+    @property
+    def lived_until(self) -> int | None:
+        """Return the last recorded tick at which anybody lived, None where somebody does at the end."""
+        return self._scene.lived_until
 
     def _fork_name(self) -> str:
         """Return what the other future is called that the recording shows too."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import rerun.blueprint as rrb
+from rerun.encodings import AbsoluteTimeRange
 
 from ecology.observers.panels.action import Action
 from ecology.observers.panels.ages import Ages
@@ -142,10 +143,20 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     left = rrb.Vertical(arena, below, row_shares=shares)
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[1.1, 1]),
-        rrb.TimePanel(timeline="tick", play_state="following", state="collapsed"),
+        _time_panel(scene),
         collapse_panels=True,
         auto_layout=False,
         auto_views=False,
+    )
+
+
+def _time_panel(scene: Scene) -> rrb.TimePanel:
+    """Return the time line: at its end, or played over and over where nobody lives there any more."""
+    if scene.lived_until is None:
+        return rrb.TimePanel(timeline="tick", play_state="following", state="collapsed")
+    lived = AbsoluteTimeRange(0, scene.lived_until)
+    return rrb.TimePanel(
+        timeline="tick", play_state="playing", loop_mode="selection", time_selection=lived, state="collapsed"
     )
 
 

@@ -242,8 +242,9 @@ class _Handler(BaseHTTPRequestHandler):
             return self.desk.order(told["order"], told["pace"])
         if path == "/world":
             return self.desk.world()
-        deeds = {"/do": self.desk.do, "/fork": self.desk.fork, "/fork/do": self.desk.do_in_fork}
-        return deeds[path](told["do"])
+        if path == "/fork":
+            return self.desk.fork(told["do"])
+        return self.desk.do(told["do"]) if path == "/do" else self.desk.do_in_fork(told["do"])
 
     def _ours(self) -> bool:
         """Return whether this machine was asked for by its own name, through a tunnel or not."""

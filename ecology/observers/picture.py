@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import numpy as np
 from ecology.observers import places, shapes
 from ecology.observers.colours import highest_drive, resource_colours, scale, species_colour
 from ecology.observers.frame import Frame, frame
+from ecology.observers.mind_picture import MindPicture
 from ecology.observers.plotting import (
     EllipseCollection,
     FigureCanvasAgg,
@@ -22,13 +25,23 @@ from ecology.observers.plotting import (
 from ecology.scenario import Scenario
 from ecology.state import State
 
-SIZE, DPI = (8.0, 6.0), 100  # inches, pixels per inch
+SIZE, DPI = (800, 600), 100  # pixels, and pixels per inch
 SHADES = {"born": "black", "died": "black", "bit": "#d55e00", "gave": "#009e73"}  # of marks
 
 
 def draw(scenario: Scenario, state: State) -> np.ndarray:
     """Return the world as one picture, uint8 (600, 800, 3): see `Picture`."""
     return Picture(scenario).draw(frame(scenario, state))
+
+
+@dataclass(frozen=True)
+class Shot:
+    """How a world is taken."""
+
+    size: tuple[int, int] = SIZE  # pixels
+    zoom: float | None = None  # by which an agent that is followed is taken closer, None: the whole arena
+    trail: int = 0  # frames of the trails
+    beside: bool = False  # whether needs and decision of an agent stand beside the arena
 
 
 class Picture:
@@ -38,11 +51,17 @@ class Picture:
     bodies are coloured by drive; of several, by species, and their headings by drive.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        """Draw the arena, the legend and the axes."""
-        self._scenario = scenario
-        self._figure = figure = new_figure(SIZE, dpi=DPI)
-        self._canvas, self._axes = FigureCanvasAgg(figure), figure.add_subplot()
+    def __init__(self, scenario: Scenario, shot: Shot | None = None) -> None:
+        """Draw the arena, the legend and the axes, as `shot` says."""
+        self._scenario, self._shot = scenario, shot or Shot()
+        self._figure = figure = new_figure(tuple(side / DPI for side in self._shot.size), dpi=DPI)
+        self._canvas = FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1), height_ratios=(1, 1.6)) if self._shot.beside else None
+        self._axes = figure.add_subplot() if grid is None else figure.add_subplot(grid[:, 0])
+        self._mind = (
+            None if grid is None else MindPicture(figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1]))
+        )
+        self._past: deque[np.ndarray] = deque(maxlen=max(self._shot.trail, 1))  # places, (N, 2), of the last frames
         axes = self._axes
         vertices = np.array(scenario.arena.vertices, dtype=float)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -75,6 +94,8 @@ class Picture:
             for kind, shade in SHADES.items()
         }
         figure.legend(handles=self._handles(), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+        self._trails = self._add(LineCollection([], colors="0.45", linewidths=0.8, alpha=0.6, zorder=3))
+        self._ring = self._add(LineCollection([], colors="black", linewidths=1.4, zorder=5))
         self._title = figure.suptitle("tick", fontsize=11, animated=True)
         self._canvas.draw()
         figure.set_layout_engine("none")
@@ -82,7 +103,8 @@ class Picture:
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
     def draw(self, shown: Frame) -> np.ndarray:
-        """Return the picture of a frame, uint8 (600, 800, 3)."""
+        """Return the picture of a frame, uint8 (height, width, 3)."""
+        self._follow(shown)
         if self._patches:
             rings, discs, names, radii = self._patches
             rings.set_offsets(shown.patches)
@@ -115,11 +137,40 @@ class Picture:
             if name in self._fields:
                 self._fields[name].set_data(places.image(level, i))
         self._title.set_text(f"{self._scenario.name}, tick {shown.tick}, time {shown.time:g}: {who}")
-        self._canvas.restore_region(self._background)
+        if self._mind is not None or self._moves(shown):  # what does not change elsewhere changes here
+            if self._mind is not None:
+                self._mind.draw(shown.followed)
+            self._canvas.draw()
+        else:
+            self._canvas.restore_region(self._background)
         for artist in self._moving():
             self._axes.draw_artist(artist)
         self._figure.draw_artist(self._title)
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _moves(self, shown: Frame) -> bool:
+        """Return whether the camera goes with an agent."""
+        return self._shot.zoom is not None and shown.followed is not None
+
+    def _follow(self, shown: Frame) -> None:
+        """Draw the trails and the ring, and let the camera go with the agent that is followed."""
+        self._past.append(shown.position)
+        if self._shot.trail:
+            lines = np.stack(self._past, axis=1)  # (N, frames, 2)
+            jumps = np.hypot(*np.diff(lines, axis=1).transpose(2, 0, 1)) > 0.3 * shapes.size(self._scenario)
+            self._trails.set_segments([np.where(np.append(False, j)[:, None], np.nan, line)
+                                       for line, j in zip(lines, jumps, strict=True)])  # fmt: skip
+        who = shown.followed
+        if who is None or not np.isfinite(who.place).all():
+            self._ring.set_segments([])
+            return
+        angle = np.linspace(0, 2 * np.pi, 33)
+        wide = 1.6 * shapes.radius(self._scenario, who.species)
+        self._ring.set_segments([who.place + wide * np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
+        if self._shot.zoom is not None:
+            half = 0.5 * shapes.size(self._scenario) / self._shot.zoom
+            (x, y) = who.place
+            self._axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
 
     def _moving(self) -> list[Any]:
         """Return what is drawn anew in every frame, the lowest first."""
@@ -127,8 +178,10 @@ class Picture:
         if self._patches:
             rings, discs, names, _ = self._patches
             found += [discs, rings, *names.values()]
+        found.append(self._trails)
         for bodies, headings, _ in self._bodies:
             found += [bodies, headings]
+        found.append(self._ring)
         return found + list(self._marks.values())
 
     def _add(self, artist: Any) -> Any:

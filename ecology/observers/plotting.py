@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+from pathlib import Path
 from typing import Any
 
 
@@ -56,7 +57,10 @@ __all__ = [
     "color_sequences",
     "colormaps",
     "new_figure",
+    "save_figure",
 ]
+
+ENDINGS = (".svg", ".pdf")  # of the files beside a PNG, for papers
 
 
 def new_figure(size: tuple[float, float], **settings: Any) -> Figure:
@@ -64,3 +68,13 @@ def new_figure(size: tuple[float, float], **settings: Any) -> Figure:
     figure = Figure(figsize=size, layout="constrained", **settings)
     FigureCanvasAgg(figure)
     return figure
+
+
+def save_figure(figure: Figure, path: Path, dpi: float) -> None:
+    """Write a figure to the PNG file `path`, and beside it as SVG and PDF; each is there whole or not at all."""
+    for target in (path, *(path.with_suffix(ending) for ending in ENDINGS)):
+        # without the time, so that the same figure is the same file
+        dated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(target.suffix)
+        beside = target.with_name(target.name + ".new")
+        figure.savefig(beside, dpi=dpi, format=target.suffix[1:], metadata=dated)
+        beside.replace(target)

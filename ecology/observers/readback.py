@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,11 @@ from rerun.chunk import RrdReader
 
 from ecology.errors import EcologyError, readable
 from ecology.observers import colours
-from ecology.observers.frame import Frame
+from ecology.observers.frame import Followed, Frame
 from ecology.observers.scene import MARKED, STEPS
 from ecology.observers.viewer import complete
 from ecology.scenario import Scenario
-from ecology.spec import require
+from ecology.spec import Species, require
 
 
 def stored(path: Path) -> bool:
@@ -59,6 +60,53 @@ def span(path: Path) -> tuple[int, int]:
         first, last = min(first, pc.min(ticks).as_py()), max(last, pc.max(ticks).as_py())
     require(first <= last, "the recording is damaged and holds no tick; record the run again.")
     return int(first), int(last)
+
+
+def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: str | None = None) -> list[Frame]:
+    """Return the frames of a run with the needs and the decision of the agent `who`, or of the first that lives."""
+    with complete(run) as source:
+        entities = {s.name: f"/world/agents/{s.name}" for s in scenario.species if s.slots}
+        serials = {name: column(source, entity, "serial") for name, entity in entities.items()}
+        species, serial = _meant(scenario, serials, frames, who)
+        name = f"{species.name}_{serial}"
+        needs = {need.name: column(source, entities[species.name], need.name) for need in species.needs}
+        moving = [f"{need.name}_set_point" if need.set_range is not None else "" for need in species.needs]
+        targets = {word: column(source, entities[species.name], word) for word in moving if word}
+        places = column(source, entities[species.name], "Points2D:positions")
+        told = column(source, f"/minds/{name}/decision", "TextDocument:text")
+        told = told or column(source, f"/focus/{species.name}/decision", "TextDocument:text")
+        texts = {tick: str(text[0]) for tick, text in told.items() if str(text[0]).startswith(f"**{name}**")}
+    found = []
+    for shown in frames:
+        slot = np.flatnonzero(np.asarray(serials[species.name][shown.tick]) == serial)
+        place, x = np.full(2, np.nan), np.full(len(species.needs), np.nan)
+        target = np.array([need.set_point for need in species.needs], float)
+        if slot.size:
+            place = np.reshape(places[shown.tick], (-1, 2))[slot[0]]
+            x = np.array([of[shown.tick][slot[0]] for of in needs.values()], float)
+            for i, word in enumerate(moving):
+                target[i] = targets[word][shown.tick][slot[0]] if word else target[i]
+        text = _latest(texts, shown.tick) or "" if np.isfinite(place).all() else ""
+        followed = Followed(name, place.astype(float), species, x, target, text)
+        found.append(dataclasses.replace(shown, followed=followed))
+    return found
+
+
+def _meant(
+    scenario: Scenario, serials: Mapping[str, Mapping[int, Any]], frames: Sequence[Frame], who: str | None
+) -> tuple[Species, int]:
+    """Return species and serial of the agent that a name means; EcologyError where the frames do not hold it."""
+    known = {s.name: s for s in scenario.species}
+    if who is None:
+        name = next(iter(serials))
+        return known[name], int(serials[name][frames[0].tick][0])
+    name, _, number = who.rpartition("_")
+    there = name in serials and number.isdecimal()
+    there = there and any(int(number) in np.asarray(serials[name][shown.tick]) for shown in frames)
+    require(
+        there, f"--follow: there is no agent {who!r} in these ticks; give the name of one, as {next(iter(serials))}_0."
+    )
+    return known[name], int(number)
 
 
 def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: int | None = None) -> list[Frame]:

@@ -45,6 +45,7 @@ class Scene:
     maps_every: int
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
+    lived_until: int | None = None  # last recorded tick at which anybody lived, of a recording where nobody does
     has_props: bool = False  # whether the scenario names what to draw besides
     fork: str = ""  # name of the other future that is shown beside it
     chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead

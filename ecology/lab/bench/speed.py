@@ -321,7 +321,7 @@ def called(name: str, version: str) -> str:
 
 def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     """Draw agent-steps per second over agents, a line for each name, with quartiles."""
-    from ecology.observers.plotting import color_sequences, new_figure  # slow to load
+    from ecology.observers.plotting import color_sequences, new_figure, save_figure  # slow to load
 
     figure = new_figure((9.0, 4.6))
     ax = figure.add_subplot()
@@ -348,9 +348,7 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     ax.set_title("Median and quartiles, one run, each world in turn", fontsize=11)
     ax.grid(alpha=0.3, linewidth=0.5)
     ax.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    beside = path.with_name(path.name + ".new")
-    figure.savefig(beside, dpi=DPI, format="png")
-    beside.replace(path)
+    save_figure(figure, path, DPI)
 
 
 if __name__ == "__main__":

@@ -477,6 +477,8 @@ class Run:
         }
         if self.stopped_by is not None:
             head |= {"stopped_at": self.tally.tick, "stopped_by": self.stopped_by}
+        if self.twin is not None:
+            head |= {"fork": self.twin.run.folder.name}
         if self.tally.tick < self.plan.ticks and self._is_extinct():
             head |= {"extinct_at": self.tally.tick}
         if self.schedule.done:

@@ -554,7 +554,7 @@ def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[Poin
 
 def draw(path: Path, panels: Mapping[str, Sequence[Point]], title: str) -> None:
     """Draw means over the first setting that varies, a line for every choice of the others, a panel for every name."""
-    from ecology.observers.plotting import new_figure  # slow to load
+    from ecology.observers.plotting import new_figure, save_figure  # slow to load
 
     everything = [point for found in panels.values() for point in found]
     axes = [axis for axis in everything[0].varied if len({repr(point.varied[axis]) for point in everything}) > 1]
@@ -569,9 +569,7 @@ def draw(path: Path, panels: Mapping[str, Sequence[Point]], title: str) -> None:
         ax.set_ylabel(f"{what}, drive units (less is better)" if what.endswith("drive") else what)
     runs = sorted({point.runs for point in everything})
     figure.suptitle(f"{title}: mean and 95 % t interval over {'-'.join(map(str, runs))} seeds", fontsize=11)
-    beside = path.with_name(path.name + ".new")
-    figure.savefig(beside, dpi=DPI, format="png")
-    beside.replace(path)
+    save_figure(figure, path, DPI)
 
 
 def _panel(ax: Any, found: Sequence[Point], axes: Sequence[str], words: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from ecology.errors import EcologyError
 from ecology.lab.cli.options import Quiet, announces_compiling
 
 ORDER = 12
@@ -25,23 +26,50 @@ def command(
     ] = None,
     to: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="Last tick.", show_default="the last")] = None,
     fps: Annotated[float, typer.Option(help="Frames per second, one recorded tick each.")] = 20.0,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Size in pixels.")] = "800x600",
+    follow: Annotated[
+        str | None,
+        typer.Option(metavar="WHO", help="Agent (prey_17) that wears a ring.", show_default="with --mind the first"),
+    ] = None,
+    zoom: Annotated[
+        float | None,
+        typer.Option(min=1.0, help="With --follow: the camera goes with the agent, this many times closer."),
+    ] = None,
+    trail: Annotated[int, typer.Option(min=0, help="Frames of the trails.")] = 0,
+    mind: Annotated[bool, typer.Option("--mind", help="Show needs and decision of an agent beside the arena.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a film of a run from its recording: a gif, or an mp4 with the extra `film`."""
     from ecology.lab.runs.run import load_world
     from ecology.observers import film as films
     from ecology.observers import readback  # slow to load
+    from ecology.observers.picture import Shot
 
     target = run / "film.gif" if target is None else target
     scenario = load_world(run)
     films.check(target, fps)
+    if zoom is not None and follow is None:
+        raise EcologyError("--zoom requires --follow WHO: the camera goes with an agent.")
+    shot = Shot(size=_read_size(size), zoom=zoom, trail=trail, beside=mind)
     frames = readback.frames(run, scenario, from_, to)
+    if frames and (mind or follow is not None):
+        frames = readback.follow(run, scenario, frames, follow)
     console = Console(stderr=True, quiet=quiet)
     with console.status("drawing") as status:
 
         def tell(i: int) -> None:
             status.update(f"drawing tick {frames[i].tick}")
 
-        films.film(scenario, frames, target, fps=fps, tell=tell)
+        films.film(scenario, frames, target, fps=fps, shot=shot, tell=tell)
     if not quiet:
         print(f"written: {target}, ticks {frames[0].tick} to {frames[-1].tick}, {len(frames)} frames")
+
+
+def _read_size(text: str) -> tuple[int, int]:
+    """Return width and height of "800x600"; both even, as an mp4 needs them."""
+    parts = text.split("x")
+    good = len(parts) == 2 and all(part.isascii() and part.isdecimal() for part in parts)
+    wide, tall = (int(part) for part in parts) if good else (0, 0)
+    if not (200 <= wide <= 4000 and 200 <= tall <= 4000) or wide % 2 or tall % 2:
+        raise EcologyError(f"--size is WIDTHxHEIGHT in pixels, even numbers from 200 to 4000, got {text!r}.")
+    return wide, tall

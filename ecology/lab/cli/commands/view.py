@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import tempfile
 from pathlib import Path
 from typing import Annotated
@@ -42,7 +43,7 @@ def command(
     from ecology.observers import viewer  # only here is a viewer looked for
 
     with contextlib.ExitStack() as stack:
-        if focus is not None or serve:
+        if focus is not None or serve or _needs_layout(run):
             from ecology.observers.hindsight import Hindsight  # slow to load
 
             if not (run / CONFIG).is_file():
@@ -52,6 +53,7 @@ def command(
                 )
             world, name = load_world(run), run.absolute().name
             past = Hindsight(stack.enter_context(viewer.complete(run)), world, name)
+            tick = past.lived_until if tick is None else tick
             run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
         if serve:
             from ecology.observers.page import Page
@@ -76,3 +78,14 @@ def command(
             print(f"written: {screenshot}")
         else:
             viewer.view(run)
+
+
+def _needs_layout(run: Path) -> bool:
+    """Return whether the layout that a run began with shows it badly: nobody lives at its end, or it was forked."""
+    from ecology.lab.runs.folder import SUMMARY
+
+    try:
+        summary = json.loads((run / SUMMARY).read_text(encoding="utf-8"))
+        return "fork" in summary or not any(of["end"] for of in summary["population"].values())
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return False

@@ -1,0 +1,62 @@
+"""The mind of one agent, drawn beside the arena of a film: its needs, and the decision that it acts on."""
+
+from __future__ import annotations
+
+import textwrap
+
+import numpy as np
+
+from ecology.observers.colours import need_colour
+from ecology.observers.frame import Followed
+from ecology.observers.plotting import Axes
+
+OPTIONS = 8  # of a decision, at most
+
+
+class MindPicture:
+    """Draws an agent frame after frame."""
+
+    def __init__(self, needs: Axes, decision: Axes) -> None:
+        """Draw into two axes."""
+        self._needs, self._decision = needs, decision
+
+    def draw(self, who: Followed | None) -> None:
+        """Draw an agent as it is; nothing of nobody."""
+        self._needs.clear()
+        self._decision.clear()
+        self._decision.set_axis_off()
+        if who is None:
+            return
+        names = [need.name for need in who.species.needs]
+        shades = [tuple(part / 255 for part in need_colour(i)) for i in range(len(names))]
+        rows = np.arange(len(names))[::-1]
+        self._needs.barh(rows, np.nan_to_num(who.needs), color=shades, height=0.7)
+        regulated = np.array([need.regulated for need in who.species.needs])
+        self._needs.plot(who.target[regulated], rows[regulated], "|", color="black", markersize=14, markeredgewidth=2)
+        self._needs.set_yticks(rows, names, fontsize=8)
+        highest = [
+            max(need.set_point, need.bounds[1] if np.isfinite(need.bounds[1]) else 0) for need in who.species.needs
+        ]
+        self._needs.set_xlim(min(0.0, float(np.nanmin(np.append(who.needs, 0.0)))), 1.05 * max(*highest, 1e-9, 0.0))
+        lives = bool(np.isfinite(who.place).all())
+        self._needs.set_title(who.name if lives else f"{who.name} does not live", fontsize=10)
+        self._decision.text(0, 1, _plain(who.decision), family="monospace", fontsize=7.5, va="top")
+
+
+def _plain(text: str) -> str:
+    """Return a decision in Markdown as lines of plain text."""
+    if not text:
+        return "no decision was recorded"
+    found, rows = [], []
+    for line in text.replace("**", "").replace("~~", "").splitlines():
+        if line.startswith("|"):
+            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            if not set(line) <= set("|-"):
+                rows.append(cells)
+        elif line:
+            found += textwrap.wrap(line, 52)
+    table = rows[: 1 + OPTIONS]
+    table = [row for row in table if len(row) == len(table[0])] if table else []
+    wide = [max(len(row[i]) for row in table) for i in range(len(table[0]))] if table else []
+    lines = [" ".join(cell.ljust(w) for cell, w in zip(row, wide, strict=True)) for row in table]
+    return "\n".join([*found, "", *lines])
