@@ -23,9 +23,9 @@ from ecology.agents.hjb.devices.cpu.device import Cpu
 from ecology.agents.hjb.devices.cpu.learning import positions
 from ecology.agents.hjb.devices.cpu.llvm import X86
 from ecology.agents.hjb.devices.plain.device import Plain
-from ecology.agents.hjb.plan import best_plan
 from ecology.agents.hjb.devices.records import Encoding
 from ecology.agents.hjb.devices.torch.device import Torch
+from ecology.agents.hjb.plan import best_plan
 from ecology.lab.cli import main
 from ecology.lab.runs.folder import CONFIG
 from ecology.lab.runs.run import Run, open_run

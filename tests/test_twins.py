@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from conftest import PATIENCE
 from same_end import same_end
-from test_fork import CROWD, Command, ecology  # noqa: F401  (a fixture)
+from test_fork import CROWD, SMALL, Command, ecology  # noqa: F401  (a fixture)
 
 from ecology import EcologyError
-from ecology.lab.runs.run import Run
+from ecology.lab.runs.minds import decisions
+from ecology.lab.runs.run import Run, load_world
 from ecology.lab.runs.run_config import resolve
 from ecology.observers.base import Observer
+from ecology.observers.hindsight import Hindsight
 from ecology.observers.readback import column
 from ecology.observers.rerun import RerunObserver
 
@@ -109,3 +112,29 @@ def test_an_intervention_that_does_not_fit_makes_no_fork(ecology: Command) -> No
     assert not Path("run-at-0").exists()
     run.live()
     assert run.now == 120
+
+
+def test_decisions_are_worked_out_again(ecology: Command) -> None:  # noqa: F811
+    """From a checkpoint, they are those that were recorded of the agent in focus, and those of anybody else."""
+    crowd = CROWD.replace("count=8", "count=14")
+    Path("crowd.py").write_text(crowd)
+    words = ("--learner", "hjb", *SMALL, "--keep-every", "40", "--out", "run", "--quiet", "--record", "every=5")
+    assert ecology("run", "crowd.py", *words) == (0, "", "")
+    told = column(Path("run/recording.rrd"), "/focus/crowd/decision", "TextDocument:text")
+    again = decisions(Path("run"), "crowd_0", 100)
+    assert set(range(61, 121)) <= set(again) <= set(range(51, 121))
+    shared = sorted(set(told) & set(again))
+    assert len(shared) > 12
+
+    def table(text: str) -> list[str]:
+        lines = [line for line in text.partition("| after ")[0].splitlines() if line]
+        return [line for line in lines if not line.startswith("plan:")]
+
+    for tick in shared:
+        assert table(told[tick][0]) == table(again[tick])
+    assert all(text.startswith("**crowd_9**: ") for text in decisions(Path("run"), "crowd_9", 100).values())
+    past = Hindsight(Path("run/recording.rrd"), load_world(Path("run")), "run", partial(decisions, Path("run")))
+    Path("layer.rrd").write_bytes(past.layer("crowd_9", 100))
+    drawn = column(Path("layer.rrd"), "/chosen/crowd_9/decision", "TextDocument:text")
+    assert "to 120 were worked out again." in drawn[0][0]
+    assert drawn[100][0].startswith("**crowd_9**: ")

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +39,18 @@ Column = tuple[np.ndarray, np.ndarray]  # ticks (n,) and values (n, ...)
 class Hindsight:
     """Finds agents in a recording and draws their lives."""
 
-    def __init__(self, recording: Path, scenario: Scenario, name: str) -> None:
-        """Look into the file `recording` of a run of `scenario`, which is called `name`."""
+    def __init__(
+        self,
+        recording: Path,
+        scenario: Scenario,
+        name: str,
+        relive: Callable[[str, int], Mapping[int, str]] | None = None,
+    ) -> None:
+        """Look into the file `recording` of a run of `scenario`, which is called `name`.
+
+        relive: works out again what an agent weighed about a tick, and returns it by tick; None leaves it unknown.
+        """
+        self._relive = relive
         self._path, self._lock = recording, threading.Lock()
         self._identity = recording_id(recording)
         env = Ecology(scenario)
@@ -89,7 +99,7 @@ class Hindsight:
         if name is None:
             when = "then" if click.tick is None else f"at tick {click.tick:,.0f}"
             return f"Nobody was there {when}: click a body, or press f and write a name."
-        return self.layer(name) if self._scene.crowd else None
+        return self.layer(name, None if click.tick is None else round(click.tick)) if self._scene.crowd else None
 
     def named(self, word: str) -> bytes | None:
         """Return the layer of an agent by name; EcologyError for one that the recording does not hold."""
@@ -104,10 +114,11 @@ class Hindsight:
             layer.write_bytes(self.layer(word))
             return merged([bare, layer], target)
 
-    def layer(self, word: str | None = None) -> bytes:
+    def layer(self, word: str | None = None, tick: int | None = None) -> bytes:
         """Return the layer, a recording, that shows an agent by name, or first the focus of a species.
 
-        Raises EcologyError for a name that the recording does not hold.
+        Where decisions can be worked out again, they are about `tick`, or at the end of the agent's life. Raises
+        EcologyError for a name that the recording does not hold.
         """
         species, serial = (None, None) if word is None else self._meant(word)
         if not self._scene.crowd:  # one agent, which was in focus all the time
@@ -120,7 +131,7 @@ class Hindsight:
             rec.set_sinks(rr.FileSink(str(path)))
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:
-                last = self._draw(rec, scene, species, serial)
+                last = self._draw(rec, scene, species, serial, tick)
                 if last < self._serials[species][0][-1]:
                     scene = dataclasses.replace(scene, died={species: last})
             rec.send_blueprint(blueprint(scene))
@@ -142,7 +153,7 @@ class Hindsight:
         )
         return species, int(number)
 
-    def _draw(self, rec: rr.RecordingStream, scene: Scene, name: str, serial: int) -> int:
+    def _draw(self, rec: rr.RecordingStream, scene: Scene, name: str, serial: int, tick: int | None) -> int:
         """Draw the life of an agent, and after it a row of nothing; return the last recorded tick that it lived."""
         group, who = self._groups[name], f"{name}_{serial}"
         species, entity = scene.scenario.species[group.index], f"{AGENTS}/{name}"
@@ -197,10 +208,10 @@ class Hindsight:
             panel.open(rec)
             panel.draw_life(rec, life)
         if scene.decides[name] and lives.any():
-            self._decided(rec, name, who, ticks[row[lives]])
+            self._decided(rec, name, who, ticks[row[lives]], tick)
         return int(ticks[row[lives]][-1] if lives.any() else ticks[row[0]])
 
-    def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray) -> None:
+    def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray, tick: int | None) -> None:
         """Write what the agent weighed where it was in focus, and elsewhere that it was not."""
         known, texts = self._column(f"/minds/{who}/decision", "TextDocument:text")
         every = len(known) > 0  # where there were few, everybody's decisions are recorded, when they were made
@@ -209,6 +220,10 @@ class Hindsight:
         its = {tick: text for tick, (text,) in zip(known, texts, strict=True) if text.startswith(f"**{who}**")}
         when = f"It was in focus within ticks {min(its)} to {max(its)}." if its else "It never was in focus."
         note = f"**{who}** was not in focus here, and what it weighed was not recorded. {when}"
+        if self._relive is not None and not every:
+            again = self._relive(who, int(ticks[-1]) if tick is None else tick)
+            its = {**again, **its}
+            note += f" Ticks {min(again)} to {max(again)} were worked out again." if again else ""
         between = [tick for tick in its if ticks[0] <= tick <= ticks[-1]]  # decisions are recorded at every tick
         ticks = np.union1d(ticks, np.array(between, ticks.dtype))
         shown = np.array([its.get(tick, note) for tick in ticks], object)

@@ -209,10 +209,11 @@ class RerunObserver:
         state = self._env.state_view
         turned = self._heed(state)
         fresh = self._side is not None and self._side.is_fresh
-        if not (turned or fresh or self._sampler.deeds or state.tick != self._shown):
+        told = state.tick == self._shown and state.tick == self._sampler.closest
+        if told and not (turned or fresh or self._sampler.deeds):
             return
         self._sampler.refocus(state, anew=turned)
-        look = self._sampler.look(state, turned=turned)
+        look = self._sampler.look(state, turned=turned, waits=True)
         self._sampler.follow(look)
         self._sample(look)
         self._send()

@@ -60,6 +60,7 @@ class Sampler:
         self._changed: set[str] = set()  # species whose focus is another since the last sample
         self._top = colours.Top(env.scenario)
         self._sampled, self._ground = 0, env.world.model.ground
+        self.closest = -1  # tick at which it was last looked at closely
         self._live, self._close = live, -math.inf  # by the clock, when it was last looked at closely
         self._did = (-1, -1)  # slot and action of the one that is shown first
         self.tick: Tick | None = None  # the last one
@@ -154,13 +155,14 @@ class Sampler:
             return made is not None and made.age == 1
         return self._did != before
 
-    def look(self, state: State, *, sampled: bool = True, turned: bool = False) -> Watch:
-        """Return what panels take their samples from."""
+    def look(self, state: State, *, sampled: bool = True, turned: bool = False, waits: bool = False) -> Watch:
+        """Return what panels take their samples from; where the run waits, there is time to look closely."""
         # by the tick, so that a run that is resumed has the same
         sparse = self._sampled == 0 or state.tick % (SPARSE * self._every) == 0
-        closely = sampled and (state.tick % (CLOSE * self._every) == 0 or turned)
+        closely = sampled and (state.tick % (CLOSE * self._every) == 0 or turned or waits)
         if sampled and self._live and time.monotonic() - self._close > SECONDS:
             closely, self._close = True, time.monotonic()
+        self.closest = state.tick if closely else self.closest
         return Watch(
             env=self._env,
             minds=self._minds,

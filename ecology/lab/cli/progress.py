@@ -16,7 +16,7 @@ from ecology.lab.runs.tally import Tally
 from ecology.observers.base import Mind
 
 REFRESH = 0.25  # seconds between two pictures of the progress bar
-LINE = 10.0  # seconds between two lines of progress where there is no terminal
+LINE = 60.0  # seconds between two lines of progress where there is no terminal
 
 
 class Progress:

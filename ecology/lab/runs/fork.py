@@ -55,7 +55,7 @@ def fork(
     forked = Run(dataclasses.replace(plan, forked=told), out)
     forked.check_folder()
     _check_changes(run.scenario, forked.scenario)
-    _go_to(run, at, observers)
+    go_to(run, at, observers)
     parts = run.parts()
     arrays, values = parts["world"]
     model, state = run.env.world.model, run.env.world.state
@@ -79,7 +79,7 @@ def fork(
     return forked
 
 
-def _go_to(run: Run, at: int, observers: Sequence[Observer]) -> None:
+def go_to(run: Run, at: int, observers: Sequence[Observer]) -> None:
     """Bring `run` to the tick `at`: restored from the last state before it that opens, and lived on."""
     states = _states(run)
     usable = [tick for tick in states if tick <= at <= run.plan.ticks]

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import ast
+import shutil
+import sys
+import textwrap
 from pathlib import Path
 
 ORDER = 1
+NARROWEST, WIDEST = 50, 200  # columns of a terminal that are used, at least and at most
 
 
 def command() -> None:
@@ -15,10 +19,12 @@ def command() -> None:
     learners = {name: line for name, (_, _, _, line) in agents.LEARNERS.items()}
     worlds = {name: _first_line(scenarios.HERE / f"{name}.py") for name in scenarios.names()}
     width = max(map(len, [*worlds, *learners]))
+    columns = min(max(shutil.get_terminal_size().columns, NARROWEST), WIDEST) if sys.stdout.isatty() else sys.maxsize
     for title, lines in (("scenarios", worlds), ("learners", learners)):
         print(title)
         for name, line in lines.items():
-            print(f"  {name:<{width}}  {line}")
+            indent = " " * (width + 4)
+            print(textwrap.fill(f"  {name:<{width}}  {line}", columns, subsequent_indent=indent))
 
 
 def _first_line(path: Path) -> str:

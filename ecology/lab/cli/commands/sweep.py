@@ -148,7 +148,8 @@ def _live(
     console = Console(stderr=True, quiet=quiet)
     with contextlib.ExitStack() as stack:
         stack.enter_context(lock(out))
-        advance = stack.enter_context(runs_bar(console, len(cells), len(outcomes)))
+        bar = stack.enter_context(contextlib.ExitStack())
+        advance = bar.enter_context(runs_bar(console, len(cells), len(outcomes)))
 
         def tell(outcome: Outcome, running: int) -> None:
             outcomes.append(outcome)
@@ -167,6 +168,7 @@ def _live(
                 print(f"stopped by {stopped}; the same command resumes")
             raise
         finally:
+            bar.close()  # before the table
             done = [outcome for outcome in outcomes if outcome.summary is not None]
             left = [sweeps.Outcome(cell, sweeps.lived(cell)) for cell in cells if sweeps.finished(cell) is None]
             unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import tempfile
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ecology.errors import EcologyError
-from ecology.lab.cli.options import Port, announces_compiling, check_port
+from ecology.lab.cli.options import Port, Trust, announces_compiling, check_port, say
 
 ORDER = 11
 
@@ -26,6 +27,14 @@ def command(
         bool, typer.Option("--serve", help="Show the recording in a browser, where a click brings an agent into focus.")
     ] = False,
     port: Port = None,
+    relive: Annotated[
+        bool,
+        typer.Option(
+            "--relive",
+            help="With --focus or --serve: work out the decisions of agents that were not in focus, from checkpoints.",
+        ),
+    ] = False,
+    trust: Trust = False,
     screenshot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="File to save a picture to instead; needs no screen.")
     ] = None,
@@ -35,10 +44,15 @@ def command(
     if tick is not None and screenshot is None:
         raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
     check_port(port, serve=serve)
+    if relive and focus is None and not serve:
+        raise EcologyError("--relive is of an agent: give --focus WHO, or --serve and click one.")
+    if trust and not relive:
+        raise EcologyError("--trust requires --relive: nothing else here runs the code of a run.")
     if serve and screenshot is not None:
         raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
     from ecology.lab.cli.live import wait, web_port
     from ecology.lab.runs.folder import CONFIG, RECORDING
+    from ecology.lab.runs.minds import decisions
     from ecology.lab.runs.run import load_world
     from ecology.observers import viewer  # only here is a viewer looked for
 
@@ -52,7 +66,8 @@ def command(
                     "the folder of the run."
                 )
             world, name = load_world(run), run.absolute().name
-            past = Hindsight(stack.enter_context(viewer.complete(run)), world, name)
+            again = functools.partial(decisions, run, trust=trust, say=say(quiet=False)) if relive else None
+            past = Hindsight(stack.enter_context(viewer.complete(run)), world, name, again)
             tick = past.lived_until if tick is None else tick
             run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
         if serve:

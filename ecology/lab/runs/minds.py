@@ -1,0 +1,62 @@
+"""What an agent weighed, worked out again: the run is lived again from the last state that is known before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ecology import Ecology, State, Tick
+from ecology.lab.runs.fork import go_to
+from ecology.lab.runs.run import open_run
+from ecology.observers.base import Mind, Observer
+from ecology.observers.census import Choice
+from ecology.observers.panels.decision import decision_text
+
+SPAN = 100  # ticks that are worked out, about half of them before the one that is asked for
+
+
+class Witness(Observer):
+    """Notes every decision of one agent, as the viewer writes it."""
+
+    def __init__(self, species: str, serial: int) -> None:
+        self._species, self._serial = species, serial
+        self.texts: dict[int, str] = {}
+
+    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
+        """Let the mind keep what the agent weighs."""
+        self._rows, self._env = env.groups[self._species].slots, env
+        self._follow(env.state_view, minds)
+
+    def _follow(self, state: State, minds: Mapping[str, Mind]) -> int | None:
+        there = np.flatnonzero(state.alive[self._rows] & (state.serial[self._rows] == self._serial))
+        if not there.size:
+            return None
+        minds[self._species].follow([int(there[0])])
+        return int(there[0])
+
+    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
+        """Note the decision that it acts on."""
+        row = self._follow(state, minds)
+        decision = None if row is None else minds[self._species].decision(row)
+        if decision is not None and not decision.recalled:
+            choice = Choice(state.tick, state.time, f"{self._species}_{self._serial}", decision)
+            self.texts[state.tick] = decision_text(choice)
+
+
+def decisions(
+    folder: Path, who: str, tick: int, *, trust: bool = False, say: Callable[[str], None] | None = None
+) -> dict[int, str]:
+    """Return what the agent `who` of the run in `folder` weighed about `tick`, by tick, as the viewer writes it.
+
+    It runs the code of the run, as `ecology fork` does, and takes as long as the run took from the last checkpoint
+    before; a run with `--keep-every` has more of them. Raises EcologyError where the run cannot be lived again.
+    """
+    run = open_run(folder, trust=trust, say=say)
+    first = max(tick - SPAN // 2, 0)
+    species, _, serial = who.rpartition("_")
+    witness = Witness(species, int(serial))
+    go_to(run, min(first, run.plan.ticks), [witness])
+    run.live_on(min(first + SPAN, run.plan.ticks), [witness])
+    return {at: text for at, text in witness.texts.items() if at > first}
