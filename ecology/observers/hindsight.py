@@ -72,7 +72,7 @@ class Hindsight:
             coupled=tuple(name for name in env.groups if f"/population/coupling/{name}" in there),
             measures=census.plotted(scenario),
             grows=env.open_population,
-            marks=tuple(shapes.marked(scenario)),
+            marks=self._marks(scenario),
             grid=maps.cover(scenario.arena),
             run=name,
             every=int(np.diff(ticks[:2]).sum()) or 1,
@@ -238,6 +238,14 @@ class Hindsight:
             ],
             rr.TextDocument.columns(text=shown[new].tolist(), media_type=["text/markdown"] * len(new)),
         )
+
+    def _marks(self, scenario: Scenario) -> tuple[str, ...]:
+        """Return the kinds of marks that the legend names: who dies by a rule is not known without it."""
+        words: set[str] = set()
+        for chunk in chunks(self._path, content="/world/legend/**", components="Points2D:labels", is_static=True):
+            words.update(chunk.to_record_batch().column("Points2D:labels").to_pylist()[-1] or ())
+        there = {kind for kind, word in shapes.KINDS.items() if word in words}
+        return tuple(kind for kind in shapes.KINDS if kind in there | set(shapes.marked(scenario)))
 
     def _lived_until(self) -> int | None:
         """Return the last recorded tick at which anybody lived; None where somebody does at the end."""
