@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -41,7 +41,8 @@ class ActionTable:
     meeting: tuple[int, ...]  # the actions that meet someone
     bites: Bools  # (A,)
     reach: Floats  # (A,)
-    chance: Floats  # (A,) of a bite, per unit of time
+    chance: Floats  # (A,) of a bite or a meal, per unit of time
+    by_stock: Bools  # (A,) whether a meal is the smaller, the less of its capacity the patch holds
     gain: Floats  # (A, V) of a bite, units
     damage: Floats  # (A, V) of a bite, units by the columns of the bitten; NaN: it kills
     gives: Floats  # (A, V) per unit of time
@@ -105,6 +106,7 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], everyone:
         bites=np.array([a.kind == "bite" for a in acts]),
         reach=np.array([a.reach for a in acts], float),
         chance=np.array([a.chance for a in acts], float),
+        by_stock=np.array([a.by_stock for a in acts]),
         gain=gain,
         damage=damage,
         gives=gives,
@@ -207,7 +209,32 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
     }  # fmt: skip
     if model.stages is not None:
         stages.close(model, state, masks)
+    if model.cued is not None:
+        close_uncued(model, state, masks)
     return masks
+
+
+def compile_cued(everyone: Sequence[Species], cues: Mapping[str, int]) -> tuple[Ints | None, ...] | None:
+    """Return by species the cue that each action waits for, (A,), -1 without; None where nothing waits."""
+    found = [
+        np.array([-1 if a.cue is None else cues[a.cue] for a in s.actions], np.int64)
+        if any(a.cue is not None for a in s.actions)
+        else None
+        for s in everyone
+    ]
+    return tuple(found) if any(each is not None for each in found) else None
+
+
+def close_uncued(model: Model, state: State, masks: dict[str, Bools]) -> None:
+    """Close in `masks`, by species (n, A), the actions whose cue is not shown; what a body is held to goes on."""
+    assert model.cued is not None
+    assert state.cue is not None
+    for (group, table), cue in zip(model.acting, model.cued, strict=True):
+        if cue is None:
+            continue
+        rows, mask = group.slots, masks[group.name]
+        mask &= ((cue < 0) | (state.cue[cue] > 0)) | (state.hold[rows] > 0)[:, None]
+        mask[:, table.rest] |= state.alive[rows] & ~mask.any(axis=1)
 
 
 # ---- compiled loops ----------------------------------------------------------------------------

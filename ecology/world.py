@@ -99,6 +99,7 @@ class ArrayWorld:
         self.seed, self.reweighed = seed, {}
         concerns = (*CONCERNS, heredity.STREAM) if model.heredity is not None else CONCERNS
         concerns = (*concerns, "senses") if any(gaze.faults for gaze in model.gazes) else concerns
+        concerns = (*concerns, "yield") if model.yields else concerns
         streams = np.random.SeedSequence(seed).spawn(len(concerns))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(concerns, streams, strict=True)}
         self._state = state = _first_state(model, self._rng)
@@ -125,7 +126,7 @@ class ArrayWorld:
         state.position, put_back = self._physics.move(state.position, way, model.dt, state.alive)
         state.returned += put_back
         # resources: bodies that eat from one stock share it
-        ingested, eaten = resources.eat(model, state, seen, deeds.control)
+        ingested, eaten = resources.eat(model, state, seen, deeds.control, rng)
         hauling.haul(model, state, seen, eaten)
         # meetings: bites, gifts, crowding, the scenario's own rule
         met = meetings.meet(model, state, seen, deeds.control, rng)
