@@ -14,7 +14,7 @@ from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError
 from ecology.ground import plane
 from ecology.ground.plane import way_along
-from ecology.spec import Resource, Species
+from ecology.spec import Action, Resource, Species
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ class ActionTable:
     bites: Bools  # (A,)
     reach: Floats  # (A,)
     chance: Floats  # (A,) of a bite or a meal, per unit of time
+    drain: Floats | None  # (A, V) share of x that is lost per unit of time; None: no action drains
     by_stock: Bools  # (A,) whether a meal is the smaller, the less of its capacity the patch holds
     gain: Floats  # (A, V) of a bite, units
     damage: Floats  # (A, V) of a bite, units by the columns of the bitten; NaN: it kills
@@ -106,6 +107,7 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], everyone:
         bites=np.array([a.kind == "bite" for a in acts]),
         reach=np.array([a.reach for a in acts], float),
         chance=np.array([a.chance for a in acts], float),
+        drain=_drains(acts, columns[species.name], width) if any(a.drain for a in acts) else None,
         by_stock=np.array([a.by_stock for a in acts]),
         gain=gain,
         damage=damage,
@@ -117,6 +119,15 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], everyone:
         rest=next(i for i, a in enumerate(acts) if a.kind == "rest"),
         committed=species.commitment == "committed",
     )
+
+
+def _drains(acts: Sequence[Action], columns: Mapping[str, int], width: int) -> Floats:
+    """Return the share of x that each of A actions takes of each need per unit of time, (A, V)."""
+    found = np.zeros((len(acts), width))
+    for a, action in enumerate(acts):
+        for name, rate in action.drain.items():
+            found[a, columns[name]] = rate
+    return found
 
 
 class Deeds(NamedTuple):
@@ -143,6 +154,8 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
             model.plane.size, model.plane.torus, table.control, table.speed, table.turn, table.direction,
             table.goes_to, table.duration, table.bites, table.rest, control, speed, direction, closed, way,
         )  # fmt: skip
+        if table.drain is not None:
+            control[group.slots] -= table.drain[state.action[group.slots]] * state.internal[group.slots]
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])

@@ -13,8 +13,8 @@ from ecology.scenario import Scenario
 def changed(scenario: Scenario, path: str, value: float) -> Scenario:
     """Return `scenario` with the number at `path` replaced by `value`; EcologyError where there is no such number.
 
-    A path begins with the name of a species, a resource or a field and goes on with fields, names of needs and actions, and
-    keys of mappings. The new scenario is checked as any other; its schedule stays as it is.
+    A path begins with the name of a species, a resource or a field and goes on with fields, names of needs and actions,
+    and keys of mappings. The new scenario is checked as any other; its schedule stays as it is.
     """
     first, *rest = path.split(".")
     parts: dict[str, tuple[str, int]] = {s.name: ("species", i) for i, s in enumerate(scenario.species)}

@@ -266,6 +266,7 @@ class Scenario:
             leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
             fastest = (
                 max([need.leak, *leaks])
+                + max(a.drain.get(need.name, 0.0) for a in species.actions)
                 - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
             )
             require(
@@ -290,6 +291,11 @@ class Scenario:
             ("opens", species.opens, species),
         ]
         mentions += [("an exposure's control", e.control, species) for e in species.exposures]
+        mentions += [
+            (f"by of the adaptation of need {need.name!r}", (need.adaptation.by,), species)
+            for need in species.needs
+            if need.adaptation is not None and need.adaptation.by is not None
+        ]
         mentions += [(f"feeds of need {need.name!r}", need.feeds, species) for need in species.needs if need.feeds]
         if species.crowding is not None:
             mentions.append(("crowding", species.crowding.control, species))
@@ -301,7 +307,7 @@ class Scenario:
         for action in species.actions:
             mentions += [
                 (f"{word} of action {action.name!r}", getattr(action, word), species)
-                for word in ("control", "opens_from", "closes_at", "gain", "gives")
+                for word in ("control", "drain", "opens_from", "closes_at", "gain", "gives")
             ]
             if action.species in by_name:
                 whom = by_name[action.species]

@@ -72,6 +72,7 @@ class Adaptation:
     gain: float = 0.0  # change of the set point per unit taken in
     recovery: float = 0.0  # towards x*_0, units per unit of time
     relaxation: float = 0.0  # towards x*_0, share of the offset per unit of time
+    by: str | None = None  # need whose intake counts, such as the blood that feeds this one; this one when None
     swing: float = 0.0  # of the clock, units
     period: float = 1.0  # of the clock, units of time
     phase: float = 0.0  # of the clock, radians
@@ -237,6 +238,7 @@ class Action:
     damage: Mapping[str, float] | None = None  # of bite: units that it takes from the bitten; None: it kills
     gives: Mapping[str, float] = field(default_factory=dict)  # of give: units per unit of time, from need to same need
     efficiency: float = 1.0  # of give: share of what is given that arrives
+    drain: Mapping[str, float] = field(default_factory=dict)  # need -> share of x that it loses per unit of time
     by_stock: bool = False  # of consume: intake is multiplied by the share of its capacity that the patch holds
     duration: float = 0.0  # minimal duration, during which no other action is open; of bite: handling time
     cue: str | None = None  # open only while this cue of the scenario is shown
@@ -258,7 +260,7 @@ class Action:
         if self.direction is not None:
             _finite(owner, direction=self.direction)
         require(self.duration >= 0, f"{owner}: duration must not be negative, got {self.duration!r}.")
-        for rates in (self.control, self.opens_from, self.closes_at, self.emits):
+        for rates in (self.control, self.drain, self.opens_from, self.closes_at, self.emits):
             _finite(owner, **rates)
         require(
             (self.resource is not None) == (self.kind in ("consume", "go_to", "take", "drop")),

@@ -1,9 +1,10 @@
-"""What a meal yields by chance and by stock, compartments that feed needs, actions that wait for a cue, births' limit."""
+"""Meals by chance and by stock, compartments, actions that drain or wait for a cue, the limit of births."""
 
 import math
 
 import numpy as np
 import pytest
+from worlds import ask, kind, square, start
 
 from ecology import (
     Birth,
@@ -21,7 +22,6 @@ from ecology import (
     move,
     rest,
 )
-from worlds import ask, kind, square, start
 
 MIDDLE = (4.0, 4.0)
 FOOD = Need(name="food", set_point=100.0, start=0.0, bounds=(0.0, 1000.0))
@@ -68,7 +68,7 @@ def test_a_meal_by_stock_gains_less_and_less():
 
 
 def test_compartments_hand_on_what_leaks_out_of_them():
-    """A gut that empties into the blood, which the kidneys empty: Bateman's two exponentials, but for the Euler step."""
+    """A gut empties into the blood, which the kidneys empty: Bateman's two exponentials, but for the Euler step."""
     gut = Need(name="gut", set_point=0.0, start=10.0, leak=0.04, regulated=False, feeds={"blood": 0.5})
     blood = Need(name="blood", set_point=0.0, leak=0.01)
     env = start(square(kind("body", needs=(blood, gut)), dt=0.1))

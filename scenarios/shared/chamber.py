@@ -1,0 +1,15 @@
+"""A chamber in which a body stays where it is: experiments on needs alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ecology import Arena
+
+CHAMBER = Arena(vertices=((0, 0), (2, 0), (2, 2), (0, 2)))
+MIDDLE = (1.0, 1.0)
+STILL: dict[str, Any] = {"position": MIDDLE, "heading": 0.0, "solid": False, "senses": ()}  # of a species
+# of hjb: there is nowhere to go, so it needs no place cells and no walks that explore
+LEARNER = {
+    "width": 32, "batch": 64, "batch_f": 64, "memory": 20_000, "updates": 1, "place_cells": 0, "depth": 1, "errors": 0,
+}  # fmt: skip
