@@ -94,7 +94,12 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
                 f"{resource.name!r} of {scenario.name!r} does not. Leave planner and camping out of the comparison."
             )
     for action in species.actions:
-        if action.cue is not None or action.drain or action.by_stock or (action.kind == "consume" and action.chance < 1):
+        if (
+            action.cue is not None
+            or action.drain
+            or action.by_stock
+            or (action.kind == "consume" and action.chance < 1)
+        ):
             raise EcologyError(
                 f"a planner counts on actions that always do the same and wait for no cue; {action.name!r} of "
                 f"{scenario.name!r} does not. Leave planner and camping out of the comparison."

@@ -18,9 +18,12 @@ RISE, RECOVERY = 0.0018, 0.00016  # of the set point, per unit infused and per t
 START, MOST = 100.0, 200.0  # of the set point
 
 
-def build(hours: float = 6.0, days: int = 12, hurry: float = 10.0, count: int = 1, ticks: int = 0) -> Scenario:
+def build(
+    hours: float = 6.0, days: int = 12, hurry: float = 30.0, dt: float = 1.0, count: int = 1, ticks: int = 0
+) -> Scenario:
     """Return the chamber with `hours` of access a day after a first day with one hour; `ticks` 0 means all days.
 
+    A press is a dose per tick of dt trials.
     In the night nothing happens but that h* recovers. It is `hurry` times as short, and the recovery as many times as
     fast.
     """
@@ -35,7 +38,10 @@ def build(hours: float = 6.0, days: int = 12, hurry: float = 10.0, count: int = 
     user = Species(
         name="user",
         needs=(level, buffer),
-        actions=(rest(), consume("drug", {"buffer": DOSE}, name="press", cue="lever", closes_at={"buffer": 100.0})),
+        actions=(
+            rest(),
+            consume("drug", {"buffer": DOSE / dt}, name="press", cue="lever", closes_at={"buffer": 100.0}),
+        ),
         cues=("lever",),
         count=count,
         drive_power=4.0,
@@ -67,5 +73,6 @@ def build(hours: float = 6.0, days: int = 12, hurry: float = 10.0, count: int = 
         resources=(Resource(name="drug", position=MIDDLE),),
         cues=(Cue(name="lever"),),
         sessions=sessions,
-        ticks=ticks or int(sum(s.trials * s.length for s in sessions)),
+        dt=dt,
+        ticks=ticks or int(sum(s.trials * s.length for s in sessions) / dt),
     )

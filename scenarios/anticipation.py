@@ -31,8 +31,11 @@ def build(gamma: float = 0.99, dt: float = 10.0, count: int = 1, ticks: int = 0)
         """Return the leak whose Euler step of dt is exp(-rate dt)."""
         return (1 - math.exp(-rate * dt)) / dt
 
-    # shivering fills the first compartment, which empties into the second; h follows the second
-    gain = WARMTH * dt * math.exp(-WANES * dt) / (1 - math.exp(-WANES * dt))
+    # shivering fills the first compartment, which empties into the second; h follows the second. After the tick in
+    # which the rat shivers, all three are where they are a time dt after an impulse
+    left = math.exp(-WANES * dt)
+    gain = WARMTH * dt * left / (1 - left)
+    shiver = {"effort": left / dt, "warmth": (1 - left) / dt, "temperature": WARMTH * left}
     hidden = {"set_point": 0.0, "regulated": False, "bounds": (0.0, 4.0)}
     needs = (
         Need(name="temperature", set_point=0.0, bounds=(-5.0, 5.0)),
@@ -44,7 +47,7 @@ def build(gamma: float = 0.99, dt: float = 10.0, count: int = 1, ticks: int = 0)
     rat = Species(
         name="rat",
         needs=needs,
-        actions=(rest(), act("shiver", cue="light", control={"effort": 1 / dt})),
+        actions=(rest(), act("shiver", cue="light", control=shiver)),
         cues=("light",),
         count=count,
         drive_epsilon=1e-6,

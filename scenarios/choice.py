@@ -6,15 +6,13 @@ by as much, and water. What the paper's drive d = |delta| says of it, in closed 
     deprivation  food is preferred where m_1 |delta_1| > m_2 |delta_2|, to first order in the meals
     dose         a meal is best stopped where t m = |delta_1|
     risk         with one need a body below its set point is indifferent to risk, E d is the same; with another need
-                 unmet it is averse: at delta_1 = -1 and delta_2 = 1, E d is 1.118 for +.5 and 1.207 for +1 half the time
+                 unmet it is averse: at -1 and 1, E d is 1.118 for +.5 and 1.207 for +1 half the time
 """
 
 from __future__ import annotations
 
 from ecology import Need, Resource, Scenario, Species, consume, rest
 from ecology.scenarios.shared.chamber import CHAMBER, LEARNER, MIDDLE, STILL
-
-WIDE = 4.0  # of the bounds about the set point
 
 
 def build(
@@ -25,17 +23,18 @@ def build(
     noise: float = 0.0,
     exponent: float = 1.0,
     water: bool = True,
+    wide: float = 4.0,
     count: int = 1,
     ticks: int = 20_000,
 ) -> Scenario:
     """Return the chamber; a `meal` is units of food per tick, on average, a `drink` of water.
 
-    `exponent` is of the drive, 1 the paper's; without `water` there is one need.
+    `exponent` is of the drive, 1 the paper's; without `water` there is one need. Needs lie within `wide` of their set
+    points.
     """
-    set_point = WIDE
 
     def need(name: str) -> Need:
-        return Need(name=name, set_point=set_point, decay=decay, noise=noise, bounds=(0.0, 2 * WIDE))
+        return Need(name=name, set_point=wide, decay=decay, noise=noise, bounds=(0.0, 2 * wide))
 
     body = Species(
         name="body",
