@@ -23,11 +23,8 @@ UNMET = 1000.0  # set point: far above all that is eaten
 def refill(world: World, rng: np.random.Generator) -> Outcome:  # noqa: ARG001
     """Fill the patches in which nobody stands."""
     outcome, state = world.nothing(), world.state
-    rows = world.resource("patch")
     left = ~(state.inside & state.alive[:, None]).any(axis=0)
-    full = np.zeros(len(state.stock))
-    full[rows] = np.where(left[rows], A - state.stock[rows], 0.0)
-    outcome.stock = full
+    outcome.stock = np.where(left, A - state.stock, 0.0)
     return outcome
 
 
@@ -35,7 +32,7 @@ def build(
     travel: float = 20.0, rate: float = 0.05, gamma: float = 0.99, decay: float = 0.15, ticks: int = 20_000
 ) -> Scenario:
     """Return the corridor; `rate` is l per unit of time, `travel` the walk from patch to patch in units of time."""
-    apart = travel * WALK + RADIUS  # one arrives at the edge of a circle and leaves from where one stands
+    apart = (travel - 0.5) * WALK + 2 * RADIUS  # from edge to edge, half a step short: steps are whole
     share = 1 - math.exp(-rate)  # of what is there, in a tick of 1
     names = ("patch", "other")
     forager = Species(

@@ -1,5 +1,7 @@
 """A1: shivering at the cue, an hour before ethanol cools the body, and overheating when it does not come."""
 
+# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+
 from __future__ import annotations
 
 import functools

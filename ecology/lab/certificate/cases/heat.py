@@ -1,5 +1,7 @@
 """A2: cooling ahead of a heat load that kills an agent that only reacts."""
 
+# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+
 from __future__ import annotations
 
 import functools

@@ -1,5 +1,7 @@
 """B3: Holling's functional response, and what learning does to it."""
 
+# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+
 from __future__ import annotations
 
 import functools
@@ -23,7 +25,7 @@ LEARNERS, LIVED = 12, 4_000
 
 def scripted(density: float, seed: int, handling: float = HANDLING) -> float:
     """Return the prey that a hunter takes per unit of time: it walks straight on, and bites what is in its reach."""
-    env, tick = answers.begin("hunting", seed, density=density, handling=handling, hunters=HUNTERS)
+    env, tick = answers.begin("hunting", seed, density=density, handling=handling, hunters=HUNTERS, sight=2 * REACH)
     names = {a: i for i, a in enumerate(env.groups["hunter"].actions)}
 
     def policy(env: Ecology, tick: Tick) -> Ints:

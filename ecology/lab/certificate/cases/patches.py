@@ -1,5 +1,7 @@
 """B2: residence in a patch that yields less and less, by the marginal value theorem."""
 
+# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+
 from __future__ import annotations
 
 import functools

@@ -1,5 +1,7 @@
 """B1: the ideal free distribution over two pools."""
 
+# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+
 from __future__ import annotations
 
 import functools
