@@ -15,12 +15,15 @@ from __future__ import annotations
 
 import math
 
-from ecology import Cue, Event, Need, Scenario, Session, Species, act, rest
+from ecology import Cue, Event, Need, Scenario, Session, Species, Trace, act, rest
 from ecology.scenarios.shared.chamber import CHAMBER, LEARNER, STILL
 
 DAY, LATER = 1440.0, 60.0  # minutes: between trials, and from the light to the ethanol
 ETHANOL, SLOW, FAST = 1.9635, 0.003632, 0.04064  # degrees; rates per minute
 WARMTH, WANES = 0.015, 0.0047045  # degrees per minute, rate per minute
+FORGETS = 0.02  # rate at which the memory of the light fades, per minute: it tells the hour before from all others
+# of hjb, minutes: one choice a day, so it explores for weeks
+PATIENT = {"epsilon": 0.5, "epsilon_final": 0.1, "youth": 30_000.0, "settling": 60_000.0, "updates": 4}
 BLOCKS = (("habituation", 24, False), ("acquisition", 24, True), ("extinction", 12, False), ("reacquisition", 3, True))
 
 
@@ -47,12 +50,13 @@ def build(gamma: float = 0.99, dt: float = 10.0, count: int = 1, ticks: int = 0)
     rat = Species(
         name="rat",
         needs=needs,
-        actions=(rest(), act("shiver", cue="light", control=shiver)),
+        # it may always groom, which does nothing: where nothing can be chosen, f/J take all that follows for one movement
+        actions=(rest(), act("shiver", cue="light", control=shiver), act("groom")),
         cues=("light",),
         count=count,
         drive_epsilon=1e-6,
-        learner_settings={**LEARNER, "gamma": gamma},
-        **STILL,
+        learner_settings={**LEARNER, **PATIENT, "gamma": gamma},
+        **{**STILL, "senses": (Trace(of="light", rate=FORGETS),)},
     )
     anew = tuple(Event(do=f"set rat {need.name} 0", felt=False) for need in needs)
     light = (Event(do="show light on"), Event(do="show light off", at=dt))

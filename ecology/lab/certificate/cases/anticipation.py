@@ -76,7 +76,7 @@ def day(shivers: bool, ethanol: bool) -> list[float]:
 
 def learned(seed: int) -> dict[str, Any]:
     """Return the change of temperature of a learner at AT in every block, and how often it shivered in each."""
-    look = lambda e, s: (float(s.internal[0, 0]), int(s.action[0]))  # noqa: E731
+    look = lambda e, s: (float(s.internal[0, 0]), bool(s.action[0] == 1))  # noqa: E731
     days = sum(trials for _, trials, _ in BLOCKS)
     _, _, _, rows = answers.learn("anticipation", seed, round(days * DAY / DT) - 1, look, dt=DT, gamma=GAMMA)
     h = np.array([0.0] + [row[0] for row in rows]).reshape(days, -1)  # every ten minutes from the light on

@@ -22,7 +22,7 @@ BODIES = 800  # that gamble at once; a smaller crowd at one place is faster
 OTHER = (0.0, 0.5, 1.0, 2.0)  # deviation of the other need
 MIDDLE = 4.0  # set point of both
 PAIRS = 200  # states in which a choice is asked for
-LIVED = 20_000
+LIVED = 10_000
 BETA, WALKS, STEP, REACH = 0.06, 1_500, 1.0, 60  # softmax of the random walk, ticks, size of a step, bounds
 POWERS = {2.0: 4.1, 4 / 3: 8.3, 1.0: 16.6}  # n / m -> SD of h in the published task
 

@@ -21,7 +21,7 @@ ORDER = 30
 REST, LOAD, LEAD, LASTS, AFTER = 36.27, 10.0, 20, 50, 60  # temperature held, load, ticks
 AHEAD = (0, 5, 10, 15, 16, 20)  # ticks before the load at which cooling begins
 DEADLY = 42.0
-TRAINED, GAP, EPISODES = 30_000, 150.0, 20
+TRAINED, GAP, EPISODES = 20_000, 150.0, 8
 
 
 def closed(ahead: int, load: float = LOAD) -> tuple[float, float, int | None]:

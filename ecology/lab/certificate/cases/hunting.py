@@ -20,7 +20,7 @@ from ecology.state import Ints
 ORDER = 36
 DENSITIES = (0.25, 0.5, 1.0, 2.0, 4.0)
 HANDLING, HUNTERS, TICKS = 60.0, 40, 3_000
-LEARNERS, LIVED = 12, 4_000
+LEARNERS, LIVED, AMONG = 8, 3_000, (0.5, 1.0, 4.0)  # agents, ticks, densities
 
 
 def scripted(density: float, seed: int, handling: float = HANDLING) -> float:
@@ -61,7 +61,7 @@ def _parts() -> list[Part]:
         found += [Part(f"scripted-{d:g}-{seed}", told, 3.0, functools.partial(scripted, d, seed)) for d in DENSITIES]
     told = answers.words("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
     for seed in range(answers.SEEDS):
-        found += [Part(f"learned-{d:g}-{seed}", told, 5.0, functools.partial(learned, d, seed)) for d in DENSITIES]
+        found += [Part(f"learned-{d:g}-{seed}", told, 5.0, functools.partial(learned, d, seed)) for d in AMONG]
     return found
 
 
@@ -69,8 +69,9 @@ def fits(done: Mapping[str, Any], kind: str, seeds: int) -> list[tuple[float, fl
     """Return a and h of every seed whose lives at all densities are done."""
     found = []
     for seed in range(seeds):
-        rates = {d: done[f"{kind}-{d:g}-{seed}"] for d in DENSITIES if f"{kind}-{d:g}-{seed}" in done}
-        if len(rates) == len(DENSITIES):
+        asked = DENSITIES if kind == "scripted" else AMONG
+        rates = {d: done[f"{kind}-{d:g}-{seed}"] for d in asked if f"{kind}-{d:g}-{seed}" in done}
+        if len(rates) == len(asked):
             found.append(fit(rates))
     return found
 

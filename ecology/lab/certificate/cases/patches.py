@@ -21,7 +21,7 @@ from ecology.state import Ints
 ORDER = 35
 RATE, GAMMA = 0.05, 0.99
 TRAVELS = (5, 10, 20, 40, 80)
-LIVED = 15_000
+LIVED, ASKED = 10_000, (5, 20, 80)  # of learners: ticks, travels
 
 
 def charnov(travel: float) -> float:
@@ -126,7 +126,7 @@ def _parts() -> list[Part]:
         Part(f"fixed-20-{stay}", told, 1.0, functools.partial(_fixed, 20, stay)) for stay in (8, 15, 19, 23, 27, 34, 50)
     ]
     told = answers.words("patches", rate=RATE, gamma=GAMMA, ticks=LIVED)
-    for t in TRAVELS:
+    for t in ASKED:
         found += [
             Part(f"learned-{t}-{seed}", told, 8.0, functools.partial(learned, t, seed)) for seed in range(answers.SEEDS)
         ]
