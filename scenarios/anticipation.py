@@ -50,7 +50,7 @@ def build(gamma: float = 0.99, dt: float = 10.0, count: int = 1, ticks: int = 0)
     rat = Species(
         name="rat",
         needs=needs,
-        # it may always groom, which does nothing: where nothing can be chosen, f/J take all that follows for one movement
+        # it may always groom, which does nothing: where there is no choice, f/J take all that follows for one movement
         actions=(rest(), act("shiver", cue="light", control=shiver), act("groom")),
         cues=("light",),
         count=count,

@@ -59,7 +59,9 @@ def build(law: str = "competition", n: int = 12, ticks: int = 4_000) -> Scenario
     elif law == "drift":
         marker = Trait(name="marker", of="none", bounds=(0.0, 1.0), spread=0.3)
         species = (
-            Species(name="body", needs=still, birth=Birth(rate=AT_ONCE), hazard=Hazard(rate=0.05), traits=(marker,), **idle),
+            Species(
+                name="body", needs=still, birth=Birth(rate=AT_ONCE), hazard=Hazard(rate=0.05), traits=(marker,), **idle
+            ),
         )  # fmt: skip
     else:
         birth = Birth(rate=BEARS, maturity=MATURE)

@@ -1,6 +1,6 @@
 """A3: intake escalates with six hours of access a day, not with one."""
 
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 

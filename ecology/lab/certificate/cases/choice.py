@@ -1,6 +1,6 @@
 """A4 to A6: deprivation, dose and risk from the drive alone; the published gamble; curvature and spread."""
 
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 
@@ -198,13 +198,13 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             found.append(Row(what, done[f"spread-{n:.3g}"], closed=stationary(n)))
     lives = answers.column(done, "seed-")
     if lives:
+        given = "no number to compare with"
         found += [
             Row("f/J, deprivation: share right", [life["right"] for life in lives], closed=1.0),
             Row("f/J, deprivation: slope of the boundary", [life["slope"] for life in lives], closed=1.0),
             Row("f/J, dose: slope of meal against deviation", [life["meal slope"] for life in lives], closed=1.0),
-            Row("f/J, dose: intercept", [life["meal intercept"] for life in lives], verdict="no number to compare with"),
-            Row("f/J, share of risky meals as lived", [life["share risky"] for life in lives],
-                verdict="no number to compare with"),
+            Row("f/J, dose: intercept", [life["meal intercept"] for life in lives], verdict=given),
+            Row("f/J, share of risky meals as lived", [life["share risky"] for life in lives], verdict=given),
         ]  # fmt: skip
         for x in OTHER:
             ours = [life[f"risky at {x:g}"] for life in lives]

@@ -1,5 +1,5 @@
 """B4: the paradox of enrichment, with everybody anywhere."""
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG005  (all policies and looks are of one form)
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def scripted(ahead: int, load: float = LOAD) -> dict[str, Any]:
 
 def learned(seed: int, ticks: int = TRAINED) -> dict[str, Any]:
     """Return how a learner that has lived with the load does in `EPISODES` more trials, without learning."""
-    env, minds, _, _ = answers.learn("heat", seed, ticks, lethal=False, gap=GAP, trials=ticks // 100)
+    _, minds, _, _ = answers.learn("heat", seed, ticks, lethal=False, gap=GAP, trials=ticks // 100)
     found = []
     for omits in (False, True):
         words = {"lethal": False, "gap": GAP, "trials": EPISODES, "load": 0.0 if omits else LOAD}

@@ -1,7 +1,5 @@
 """B3: Holling's functional response, and what learning does to it."""
 
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
-
 from __future__ import annotations
 
 import functools

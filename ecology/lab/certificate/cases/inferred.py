@@ -1,5 +1,4 @@
 """A7: agents that see only signs of what their partner feels."""
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
 
 from __future__ import annotations
 
@@ -50,13 +49,13 @@ def scripted(inferring: bool, lives: int = LIVES, cap: int = CAP) -> list[float]
 
 
 def expected(signs: float) -> float:
-    """Return the drive that a sign (0 or 1) stands for, of a body that is high as often as low: the truth to be found."""
+    """Return the drive that a sign (0 or 1) stands for, of a body that is high as often as low."""
     high = 1 - NOISE if signs > 0.5 else NOISE
     return high * D_HIGH + (1 - high) * D_LOW
 
 
 def learned(kind: str, seed: int) -> dict[str, Any]:
-    """Return how long pairs live with a trained learner, and how what it infers compares with what the partner feels."""
+    """Return how long pairs live with a trained learner, and how well it infers what the partner feels."""
     words = KINDS[kind]
     env, minds, tick, _ = _train(words, seed)
     mind = minds["possessor"]
@@ -74,14 +73,14 @@ def learned(kind: str, seed: int) -> dict[str, Any]:
     return found
 
 
-def _train(words: Mapping[str, Any], seed: int) -> tuple[Ecology, Any, Tick, Any]:
-    """Let a learner live for TRAINED ticks; whoever dies begins anew, and the learner keeps what it knows."""
+def _train(words: Mapping[str, Any], seed: int, ticks: int | None = None) -> tuple[Ecology, Any, Tick, Any]:
+    """Let a learner live for `ticks`, TRAINED if not given; whoever dies begins anew, and the learner keeps what it knows."""
     from ecology.agents import loop
 
     env, tick = answers.begin("inferred", seed, noise=NOISE, **words)
     minds = answers.minds_of(env, env.scenario, seed, {})
     lived = 0
-    while lived < TRAINED:
+    while lived < (ticks or TRAINED):
         tick = loop.run(env, minds, tick, 1)
         lived += 1
         if not tick.alive.all():

@@ -1,5 +1,5 @@
 """B5: Hamilton's rule for how much an agent feels of others."""
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 

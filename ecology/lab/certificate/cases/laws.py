@@ -1,5 +1,5 @@
 """B8: R*, Ornstein and Uhlenbeck, fixation, Euler and Lotka; equality and sustainability at a common pool."""
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 

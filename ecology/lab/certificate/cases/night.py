@@ -1,9 +1,10 @@
 """B6 and B7: sleep by two processes, and the energy budget rule."""
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -68,7 +69,7 @@ def two_processes(swing: float) -> dict[str, float]:
             log.append((k * step, now))
             asleep = now
         s = s * math.exp(-step / FALLS) if asleep else 1 - (1 - s) * math.exp(-step / RISES)
-    spans = [(b[0] - a[0], a[1]) for a, b in zip(log, log[1:], strict=False)]
+    spans = [(b[0] - a[0], a[1]) for a, b in itertools.pairwise(log)]
     return {
         "asleep": float(np.mean([x for x, on in spans[-8:] if on])),
         "awake": float(np.mean([x for x, on in spans[-8:] if not on])),
@@ -159,13 +160,14 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
         if None in pair.values():
             continue
         for meal, ours in pair.items():
-            what = f"alive at dawn, {meal} meals, mu - R {start + MEAN * DUSK - NIGHT:+.1f} (Phi(z) {answers.phi(score(start, meal)):.2f})"
+            spare, normal = start + MEAN * DUSK - NIGHT, answers.phi(score(start, meal))
+            what = f"alive at dawn, {meal} meals, mu - R {spare:+.1f} (Phi(z) {normal:.2f})"
             found.append(Row(what, ours, closed=chance(start, meal), tolerance=0.03))
         better = np.mean(pair["patchy"]) > np.mean(pair["steady"])
         right.append(float(better == (start + MEAN * DUSK < NIGHT)))
     if len(right) == len(STARTS):
-        found.append(Row("share of budgets at which the meal with the larger z does better", [float(np.mean(right))], closed=1.0,
-                         tolerance=0.0))  # fmt: skip
+        what = "share of budgets at which the meal with the larger z does better"
+        found.append(Row(what, [float(np.mean(right))], closed=1.0, tolerance=0.0))
     lives = answers.column(done, "seed-")
     if lives:
         poor, rich = [life["poor"] for life in lives], [life["rich"] for life in lives]

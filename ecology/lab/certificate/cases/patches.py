@@ -1,6 +1,6 @@
 """B2: residence in a patch that yields less and less, by the marginal value theorem."""
 
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def charnov(travel: float) -> float:
 
 
 def discounted(travel: float, gamma: float = GAMMA) -> float:
-    """Return the residence that maximises the discounted intake of cycles, (1 - e^-(l+rho)t) / (1 - e^-rho(t+travel))."""
+    """Return the residence that maximises (1 - e^-(l+rho)t) / (1 - e^-rho(t+travel)), the discounted intake."""
     rho = -math.log(gamma)
 
     def worth(t: float) -> float:

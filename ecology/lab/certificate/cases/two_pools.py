@@ -1,6 +1,6 @@
 """B1: the ideal free distribution over two pools."""
 
-# ruff: noqa: ARG001, ARG005  (all policies and looks are of one form)
+# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def slope(lives: Mapping[float, Mapping[str, float]]) -> float:
 
 
 def slope_of(epsilon: float) -> float:
-    """Return the slope over the same ratios where a share epsilon goes anywhere and the others do not make up for it."""
+    """Return the slope where a share epsilon goes anywhere and the others do not make up for it."""
     share = {r: (1 - epsilon) * r / (1 + r) + epsilon / 2 for r in RATIOS}
     return answers.fit_line([math.log(r) for r in RATIOS], [math.log(s / (1 - s)) for s in share.values()])[0]
 
@@ -140,8 +140,8 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     ax = figure.add_subplot()
     x = np.log(RATIOS)
     ax.plot(x, x, color=answers.CLOSED, label="ideal free, slope 1")
-    for kind, label, colour, seeds in (
-        ("scripted-0", "scripted", "0.5", 3), ("learned", f"f/J, {LEARNERS} learners", answers.OURS, answers.SEEDS),
+    for kind, label, colour in (
+        ("scripted-0", "scripted", "0.5"), ("learned", f"f/J, {LEARNERS} learners", answers.OURS),
     ):  # fmt: skip
         samples = [
             [
