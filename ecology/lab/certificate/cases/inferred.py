@@ -74,7 +74,7 @@ def learned(kind: str, seed: int) -> dict[str, Any]:
 
 
 def _train(words: Mapping[str, Any], seed: int, ticks: int | None = None) -> tuple[Ecology, Any, Tick, Any]:
-    """Let a learner live for `ticks`, TRAINED if not given; whoever dies begins anew, and the learner keeps what it knows."""
+    """Let a learner live for `ticks` or TRAINED; whoever dies begins anew, and the learner keeps what it knows."""
     from ecology.agents import loop
 
     env, tick = answers.begin("inferred", seed, noise=NOISE, **words)
