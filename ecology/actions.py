@@ -139,8 +139,13 @@ class Deeds(NamedTuple):
     closed: Bools  # (N,) agents whose action was closed and was replaced
 
 
-def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) -> Deeds:
-    """Return what each body does of the `actions` (N,) that were chosen; closed ones are replaced."""
+def decide(model: Model, state: State, seen: Perception, actions: np.ndarray, steering: Floats | None = None) -> Deeds:
+    """Return what each body does of the `actions` (N,) that were chosen; closed ones are replaced.
+
+    A body that moves along its heading does so at the speed and the turn rate of `steering` (N, 2), where that is given
+    and not NaN, in place of its action's.
+    """
+    before = state.heading
     chosen = checked_actions(model, state, actions)
     n = model.size
     control = np.empty_like(state.internal)
@@ -161,8 +166,41 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
     if (factor := pace(model, state)) is not None:
         hurry(model, state, speed, way, factor)
+    if steering is not None:
+        steer(model, state, steering, before, speed, direction, factor)
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
+
+
+def steer(
+    model: Model,
+    state: State,
+    steering: Floats,
+    before: Floats,
+    speed: Floats,
+    direction: Floats,
+    factor: Floats | None,
+) -> None:
+    """Write `speed` and `direction` (N,) of the bodies that move as `steering` (N, 2) says; see `decide`.
+
+    Speed and turn rate are kept within what the species' own moves and turns can do.
+    """
+    for group, table in model.acting:
+        rows, action = group.slots, state.action[group.slots]
+        kinds = np.array(table.kinds)
+        moves = (kinds == "move") & np.isnan(table.direction)
+        if not moves.any():
+            continue
+        wanted = steering[rows]
+        steers = state.alive[rows] & moves[action] & ~np.isnan(wanted).any(axis=1)
+        slots = rows.start + np.flatnonzero(steers)
+        swerve = np.abs(table.turn).max()
+        turn = np.clip(wanted[steers, 1], -swerve, swerve)
+        state.heading[slots] = (before[slots] + turn * model.dt + math.pi) % (2 * math.pi) - math.pi
+        direction[slots] = state.heading[slots]
+        speed[slots] = np.clip(wanted[steers, 0], 0.0, table.speed[action[steers]])
+        if factor is not None:
+            speed[slots] *= factor[slots]
 
 
 def pace(model: Model, state: State) -> Floats | None:

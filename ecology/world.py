@@ -111,16 +111,17 @@ class ArrayWorld:
         self._sense(state)
         return self._observe(np.zeros(model.size))
 
-    def step(self, chosen: Ints) -> Tick:
+    def step(self, chosen: Ints, steering: Floats | None = None) -> Tick:
         """Advance one tick: this is the order of things, top to bottom.
 
         `chosen` (N,) holds an index into each slot's own species' actions; entries of dead slots are ignored.
+        `steering` (N, 2) is the speed and the turn rate of those that move, NaN: as their action has them.
         """
         before = self.state
         model, seen, rng = self.model, self.perception, self._rng
         state = before.next()
         # actions: what each body does
-        deeds = actions.decide(model, state, seen, np.asarray(chosen))
+        deeds = actions.decide(model, state, seen, np.asarray(chosen), steering)
         # physics: bodies move and touch
         way = velocities(deeds.direction, deeds.speed)
         state.position, put_back = self._physics.move(state.position, way, model.dt, state.alive)

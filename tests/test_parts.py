@@ -38,7 +38,7 @@ def test_all_components_live_in_one_world(tmp_path, monkeypatch):
     """They can be put together, and accounts close."""
     env = Ecology(write(tmp_path, monkeypatch, *parts.PARTS))
     tick = env.reset_arrays(0)
-    start = env.state_view.internal[0].copy()
+    start = env.world.model.body.start[0]  # before the schedule
     rng = np.random.default_rng(0)
     for _ in range(60):
         masks = tick.masks["agent"]
