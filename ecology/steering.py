@@ -93,8 +93,9 @@ class Steered(ParallelEnv):
         return self.env.agents
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
-        """Return the observation space of the world."""
-        return self.env.observation_space(agent)
+        """Return the Box of zeta; the mask of the other actions is in `infos`."""
+        space = self.env.observation_space(agent)["observation"]
+        return space
 
     def action_space(self, agent: str) -> gymnasium.spaces.Box:
         """Return Box(2 + k): speed, turn rate, and a score from -1 to 1 for each of k actions but moves and turns."""
@@ -107,7 +108,7 @@ class Steered(ParallelEnv):
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start anew."""
-        return self.env.reset(seed, options)
+        return self._bare(*self.env.reset(seed, options))
 
     def step(self, actions: dict[str, Any]) -> Any:
         """Advance one tick; every living agent needs a vector of its action space."""
@@ -125,7 +126,15 @@ class Steered(ParallelEnv):
                     f"{', '.join(self.others(species))}, got {actions[name]!r}."
                 )
             chosen[name], *steering[slot] = reach.choose(vector, masks[species][slot - group.slots.start])
-        return env.step({**actions, **chosen}, steering)
+        observations, *between, infos = env.step({**actions, **chosen}, steering)
+        observations, infos = self._bare(observations, infos)
+        return observations, *between, infos
+
+    @staticmethod
+    def _bare(observations: dict[str, Any], infos: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return observations as arrays of zeta, and infos that have the masks."""
+        told = {name: {**infos[name], "action_mask": each["action_mask"]} for name, each in observations.items()}
+        return {name: each["observation"] for name, each in observations.items()}, told
 
     def render(self) -> Any:
         """Return a picture."""
