@@ -94,8 +94,7 @@ class Steered(ParallelEnv):
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Return the Box of zeta; the mask of the other actions is in `infos`."""
-        space = self.env.observation_space(agent)["observation"]
-        return space
+        return self.env.observation_space(agent)["observation"]
 
     def action_space(self, agent: str) -> gymnasium.spaces.Box:
         """Return Box(2 + k): speed, turn rate, and a score from -1 to 1 for each of k actions but moves and turns."""

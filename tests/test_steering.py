@@ -67,10 +67,16 @@ def test_a_score_chooses_what_is_open():
     assert env.env.groups["body"].actions[env.env.state_view.action[0]] == "rest"
 
 
-@pytest.mark.filterwarnings("ignore:This environment does not have possible_agents:UserWarning")
 def test_it_is_a_parallel_environment():
-    """PettingZoo's own test passes, births and deaths included."""
-    parallel_api_test(steered(scenarios.load("predator_prey"), horizon=30), num_cycles=40)
+    """PettingZoo's own test passes, and a world with births and deaths goes on with vectors at random."""
+    parallel_api_test(steered(walker(count=3), horizon=50), num_cycles=20)
+    env = steered(scenarios.load("predator_prey"))
+    observations, infos = env.reset(seed=0)
+    for _ in range(20):
+        observations, *_, infos = env.step({name: env.action_space(name).sample() for name in env.agents})
+    name = env.agents[0]
+    assert env.observation_space(name).contains(observations[name])
+    assert infos[name]["action_mask"].sum() > 0
 
 
 def test_without_steering_nothing_changes():
