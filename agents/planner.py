@@ -93,6 +93,17 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
                 f"a planner counts on resources that are unlimited and stay in place, or swing about it; "
                 f"{resource.name!r} of {scenario.name!r} does not. Leave planner and camping out of the comparison."
             )
+    for action in species.actions:
+        if (
+            action.cue is not None
+            or action.drain
+            or action.by_stock
+            or (action.kind == "consume" and action.chance < 1)
+        ):
+            raise EcologyError(
+                f"a planner counts on actions that always do the same and wait for no cue; {action.name!r} of "
+                f"{scenario.name!r} does not. Leave planner and camping out of the comparison."
+            )
     table = compile_actions(species, scenario.resources, scenario.species)
     own = {name: getattr(table, name)[:, : len(species.needs)] for name in ("control", "opens_from", "closes_at")}
     table = replace(table, **own)  # its own needs alone

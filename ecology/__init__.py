@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         turn,
     )
     from ecology.state import State
+    from ecology.steering import Steered, steer_grid, steered
     from ecology.world import Tick
 
 __all__ = [
@@ -96,6 +97,7 @@ __all__ = [
     "Species",
     "Stage",
     "State",
+    "Steered",
     "Tick",
     "Trace",
     "Trait",
@@ -111,6 +113,8 @@ __all__ = [
     "parallel_env",
     "rest",
     "sleep",
+    "steer_grid",
+    "steered",
     "take",
     "turn",
 ]
@@ -125,10 +129,13 @@ _HOMES = {
     "Outcome": "meetings",
     "Scenario": "scenario",
     "State": "state",
+    "Steered": "steering",
     "Tick": "world",
     "World": "meetings",
     "gym_env": "single",
     "parallel_env": "env",
+    "steer_grid": "steering",
+    "steered": "steering",
 }
 
 if not TYPE_CHECKING:  # type checkers find a misspelt name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,7 +14,7 @@ from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError
 from ecology.ground import plane
 from ecology.ground.plane import way_along
-from ecology.spec import Resource, Species
+from ecology.spec import Action, Resource, Species
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
@@ -41,7 +41,9 @@ class ActionTable:
     meeting: tuple[int, ...]  # the actions that meet someone
     bites: Bools  # (A,)
     reach: Floats  # (A,)
-    chance: Floats  # (A,) of a bite, per unit of time
+    chance: Floats  # (A,) of a bite or a meal, per unit of time
+    drain: Floats | None  # (A, V) share of x that is lost per unit of time; None: no action drains
+    by_stock: Bools  # (A,) whether a meal is the smaller, the less of its capacity the patch holds
     gain: Floats  # (A, V) of a bite, units
     damage: Floats  # (A, V) of a bite, units by the columns of the bitten; NaN: it kills
     gives: Floats  # (A, V) per unit of time
@@ -105,6 +107,8 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], everyone:
         bites=np.array([a.kind == "bite" for a in acts]),
         reach=np.array([a.reach for a in acts], float),
         chance=np.array([a.chance for a in acts], float),
+        drain=_drains(acts, columns[species.name], width) if any(a.drain for a in acts) else None,
+        by_stock=np.array([a.by_stock for a in acts]),
         gain=gain,
         damage=damage,
         gives=gives,
@@ -117,6 +121,15 @@ def compile_actions(species: Species, resources: tuple[Resource, ...], everyone:
     )
 
 
+def _drains(acts: Sequence[Action], columns: Mapping[str, int], width: int) -> Floats:
+    """Return the share of x that each of A actions takes of each need per unit of time, (A, V)."""
+    found = np.zeros((len(acts), width))
+    for a, action in enumerate(acts):
+        for name, rate in action.drain.items():
+            found[a, columns[name]] = rate
+    return found
+
+
 class Deeds(NamedTuple):
     """What bodies do in a tick, an open action each."""
 
@@ -126,8 +139,13 @@ class Deeds(NamedTuple):
     closed: Bools  # (N,) agents whose action was closed and was replaced
 
 
-def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) -> Deeds:
-    """Return what each body does of the `actions` (N,) that were chosen; closed ones are replaced."""
+def decide(model: Model, state: State, seen: Perception, actions: np.ndarray, steering: Floats | None = None) -> Deeds:
+    """Return what each body does of the `actions` (N,) that were chosen; closed ones are replaced.
+
+    A body that moves along its heading does so at the speed and the turn rate of `steering` (N, 2), where that is given
+    and not NaN, in place of its action's.
+    """
+    before = state.heading
     chosen = checked_actions(model, state, actions)
     n = model.size
     control = np.empty_like(state.internal)
@@ -141,13 +159,48 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray) ->
             model.plane.size, model.plane.torus, table.control, table.speed, table.turn, table.direction,
             table.goes_to, table.duration, table.bites, table.rest, control, speed, direction, closed, way,
         )  # fmt: skip
+        if table.drain is not None:
+            control[group.slots] -= table.drain[state.action[group.slots]] * state.internal[group.slots]
     if going:
         rows = np.flatnonzero(state.bound_for >= 0)
         state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
     if (factor := pace(model, state)) is not None:
         hurry(model, state, speed, way, factor)
+    if steering is not None:
+        steer(model, state, steering, before, speed, direction, factor)
     state.closed = state.closed + closed
     return Deeds(control, speed, direction, closed)
+
+
+def steer(
+    model: Model,
+    state: State,
+    steering: Floats,
+    before: Floats,
+    speed: Floats,
+    direction: Floats,
+    factor: Floats | None,
+) -> None:
+    """Write `speed` and `direction` (N,) of the bodies that move as `steering` (N, 2) says; see `decide`.
+
+    Speed and turn rate are kept within what the species' own moves and turns can do.
+    """
+    for group, table in model.acting:
+        rows, action = group.slots, state.action[group.slots]
+        kinds = np.array(table.kinds)
+        moves = (kinds == "move") & np.isnan(table.direction)
+        if not moves.any():
+            continue
+        wanted = steering[rows]
+        steers = state.alive[rows] & moves[action] & ~np.isnan(wanted).any(axis=1)
+        slots = rows.start + np.flatnonzero(steers)
+        swerve = np.abs(table.turn).max()
+        turn = np.clip(wanted[steers, 1], -swerve, swerve)
+        state.heading[slots] = (before[slots] + turn * model.dt + math.pi) % (2 * math.pi) - math.pi
+        direction[slots] = state.heading[slots]
+        speed[slots] = np.clip(wanted[steers, 0], 0.0, table.speed[action[steers]])
+        if factor is not None:
+            speed[slots] *= factor[slots]
 
 
 def pace(model: Model, state: State) -> Floats | None:
@@ -207,7 +260,32 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
     }  # fmt: skip
     if model.stages is not None:
         stages.close(model, state, masks)
+    if model.cued is not None:
+        close_uncued(model, state, masks)
     return masks
+
+
+def compile_cued(everyone: Sequence[Species], cues: Mapping[str, int]) -> tuple[Ints | None, ...] | None:
+    """Return by species the cue that each action waits for, (A,), -1 without; None where nothing waits."""
+    found = [
+        np.array([-1 if a.cue is None else cues[a.cue] for a in s.actions], np.int64)
+        if any(a.cue is not None for a in s.actions)
+        else None
+        for s in everyone
+    ]
+    return tuple(found) if any(each is not None for each in found) else None
+
+
+def close_uncued(model: Model, state: State, masks: dict[str, Bools]) -> None:
+    """Close in `masks`, by species (n, A), the actions whose cue is not shown; what a body is held to goes on."""
+    assert model.cued is not None
+    assert state.cue is not None
+    for (group, table), cue in zip(model.acting, model.cued, strict=True):
+        if cue is None:
+            continue
+        rows, mask = group.slots, masks[group.name]
+        mask &= ((cue < 0) | (state.cue[cue] > 0)) | (state.hold[rows] > 0)[:, None]
+        mask[:, table.rest] |= state.alive[rows] & ~mask.any(axis=1)
 
 
 # ---- compiled loops ----------------------------------------------------------------------------

@@ -122,13 +122,24 @@ class Ecology(ParallelEnv):
         self.timetable.start(seed)
         return self._scheduled(tick)
 
-    def step_arrays(self, actions: Ints) -> Tick:
+    def step_arrays(self, actions: Ints, steering: Floats | None = None) -> Tick:
         """Advance one tick, see `ecology.world.ArrayWorld.step` for the order of things.
 
         `actions` (N,) holds an index into each slot's own species' actions; entries of dead
         slots are ignored. What the schedule does after the tick is perceived with it: a `ScheduledTick` then.
+        `steering` (N, 2) is the speed and the turn rate at which those that move do so, see `ecology.steered`; where
+        it is NaN they are the action's.
         """
-        tick = self.world.step(actions)
+        if steering is not None:
+            require(
+                isinstance(steering, np.ndarray)
+                and steering.shape == (self.size, 2)
+                and steering.dtype.kind == "f"
+                and not np.isinf(steering).any(),
+                f"steering is an array of speeds and turn rates of shape ({self.size}, 2), NaN for none, got "
+                f"{steering!r}.",
+            )
+        tick = self.world.step(actions, steering)
         return tick if self.timetable is None else self._scheduled(tick)
 
     def _scheduled(self, tick: Tick) -> Tick:
@@ -266,7 +277,7 @@ class Ecology(ParallelEnv):
         return self._observation_dict(tick, self.agents, slots), self._info_dict(tick, self.agents, slots)
 
     def step(
-        self, actions: dict[str, Any]
+        self, actions: dict[str, Any], steering: Floats | None = None
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Advance one tick; every living agent needs an action, an index into its action space.
 
@@ -281,7 +292,7 @@ class Ecology(ParallelEnv):
         slots = np.array(list(self._slots.values()), np.int64)
         array = np.zeros(self.size, np.int64)
         array[slots] = self._read(actions)
-        tick = self.step_arrays(array)
+        tick = self.step_arrays(array, steering)
         over = self._is_at_horizon()
         if tick.born.any() and not over:
             slots = np.union1d(slots, np.flatnonzero(tick.born))

@@ -81,7 +81,8 @@ def _give_birth(model: Model, state: State, name: str, species: Species, free: i
     if birth is None:
         return np.empty(0, np.int64)
     able = fit(birth, needs, state.internal[rows], state.age[rows], state.alive[rows])
-    parents: Ints = rows.start + bearers(birth, able, free, model.dt, rng)
+    living = int(np.count_nonzero(state.alive[rows])) if birth.limit < np.inf else 0
+    parents: Ints = rows.start + bearers(birth, able, free, model.dt, rng, living)
     if birth.parents == 2:
         parents = _mated(model, state, parents, rows.start + np.flatnonzero(able), birth.mates_within)
     if parents.size:
@@ -152,10 +153,14 @@ def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, ali
     return able
 
 
-def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Generator) -> Ints:
-    """Return which of those `able` (n,) bear in a tick, at most as many as slots are `free`, in random order."""
+def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Generator, living: int = 0) -> Ints:
+    """Return which of those `able` (n,) bear in a tick, at most as many as slots are `free`, in random order.
+
+    `living` is how many of the species are alive, which counts where births have a limit.
+    """
     drawn = rng.random((2, len(able)))
-    who = np.flatnonzero(able & (drawn[0] < -elementary.expm1(-birth.rate * dt)))
+    rate = birth.rate if birth.limit == np.inf else birth.rate * max(1.0 - living / birth.limit, 0.0)
+    who = np.flatnonzero(able & (drawn[0] < -elementary.expm1(-rate * dt)))
     return who[np.argsort(drawn[1, who])][:free]
 
 

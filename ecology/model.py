@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ecology import empathy, physiology, resources, senses
-from ecology.actions import ActionTable, compile_actions
+from ecology.actions import ActionTable, compile_actions, compile_cued
 from ecology.appearing import Appearing, compile_appearing
 from ecology.doors import Doors
 from ecology.empathy import Coupling
@@ -68,6 +68,8 @@ class Model:
     needs: Mapping[str, tuple[str, ...]]  # names by species, in the order of the columns
     patches: Mapping[str, slice]  # rows of the patches, by resource
     cues: Mapping[str, int]  # places of the cues, by name
+    cued: tuple[Ints | None, ...] | None  # by species, the cue that each action waits for; None: no action waits
+    yields: bool  # whether any meal depends on chance or on how full the patch is
     body: Body
     eyes: Eyes
     resources: ResourceTable
@@ -199,7 +201,9 @@ def compile_model(scenario: Scenario) -> Model:
         gazes=gazes,
         needs={s.name: tuple(need.name for need in s.needs) for s in species},
         patches=patches,
-        cues={cue.name: i for i, cue in enumerate(scenario.cues)},
+        cues=(cues := {cue.name: i for i, cue in enumerate(scenario.cues)}),
+        cued=compile_cued(species, cues),
+        yields=any(a.by_stock or (a.kind == "consume" and a.chance < 1) for s in species for a in s.actions),
         body=body,
         eyes=compile_eyes(species, ground, kinds),
         resources=resources.compile_resources(kinds, arena, species),

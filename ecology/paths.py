@@ -13,15 +13,16 @@ from ecology.scenario import Scenario
 def changed(scenario: Scenario, path: str, value: float) -> Scenario:
     """Return `scenario` with the number at `path` replaced by `value`; EcologyError where there is no such number.
 
-    A path begins with the name of a species or a resource and goes on with fields, names of needs and actions, and
-    keys of mappings. The new scenario is checked as any other; its schedule stays as it is.
+    A path begins with the name of a species, a resource or a field and goes on with fields, names of needs and actions,
+    and keys of mappings. The new scenario is checked as any other; its schedule stays as it is.
     """
     first, *rest = path.split(".")
     parts: dict[str, tuple[str, int]] = {s.name: ("species", i) for i, s in enumerate(scenario.species)}
     parts |= {r.name: ("resources", i) for i, r in enumerate(scenario.resources)}
+    parts |= {f.name: ("fields", i) for i, f in enumerate(scenario.fields) if f.name not in parts}
     if first not in parts or not rest:
         raise EcologyError(
-            f"a path is SPECIES.FIELD or RESOURCE.FIELD, such as {next(iter(parts))}.radius, got {path!r}. "
+            f"a path begins with a species, a resource or a field, such as {next(iter(parts))}.radius, got {path!r}. "
             f"{nearest(first, parts)}"
         )
     kind, at = parts[first]

@@ -5,7 +5,7 @@ Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeli
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -63,6 +63,7 @@ class Body:
     noisy: bool
     deadly: bool
     moves: bool  # whether any set point can move: they are in the state then
+    flows: tuple[tuple[slice, int, int, float], ...] = ()  # rows, from need, to need, units gained per unit leaked
 
 
 def compile_bodies(species: Sequence[Species], width: int) -> Body:
@@ -105,7 +106,19 @@ def compile_bodies(species: Sequence[Species], width: int) -> Body:
         noisy=bool(noise.any()),
         deadly=bool(lethal.any()),
         moves=any(need.set_range is not None for s in species for need in s.needs),
+        flows=tuple(_flows(species)),
     )
+
+
+def _flows(species: Sequence[Species]) -> Iterator[tuple[slice, int, int, float]]:
+    """Yield what enters a need of what leaks out of another: the rows of the bodies, from, to, and the factor."""
+    first = 0
+    for s in species:
+        rows, columns = slice(first, first + s.slots), {need.name: v for v, need in enumerate(s.needs)}
+        first += s.slots
+        for v, need in enumerate(s.needs):
+            for name, factor in need.feeds.items():
+                yield rows, v, columns[name], float(factor)
 
 
 def _compile_form(species: Sequence[Species], width: int) -> Form | None:
@@ -172,7 +185,11 @@ def velocity(body: Body, internal: Floats, control: Floats, time: float, age: Fl
         season = 1.0 + body.amplitude * elementary.sin(body.frequency * time + body.phase)
         decay = decay * season * (1.0 + body.ageing * age[:, None])
     if body.leaks:
-        return np.where(body.proportional, control * internal, control) - decay - body.leak * internal
+        leaked = body.leak * internal
+        rate = np.where(body.proportional, control * internal, control) - decay - leaked
+        for rows, source, into, factor in body.flows:
+            rate[rows, into] += factor * leaked[rows, source]
+        return rate
     return control - decay
 
 

@@ -151,7 +151,9 @@ def room_of(resource: Resource, arena: Arena, everyone: Sequence[Species]) -> An
 # ---- eating --------------------------------------------------------------------------------
 
 
-def eat(model: Model, state: State, seen: Perception, control: Floats) -> tuple[Floats, Floats]:
+def eat(
+    model: Model, state: State, seen: Perception, control: Floats, rng: Mapping[str, np.random.Generator]
+) -> tuple[Floats, Floats]:
     """Return what bodies ingest (N, V) and what leaves the stocks (R,); write each one's share into u (N, V)."""
     ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
     wanted, total, source = np.zeros(control.shape), np.zeros(model.size), model.nobody.copy()
@@ -162,11 +164,34 @@ def eat(model: Model, state: State, seen: Perception, control: Floats) -> tuple[
             model.body.proportional, table.consumes, table.intake, control, wanted, total, source,
         )  # fmt: skip
     if eaters:
+        if model.yields:
+            scale_meals(model, state, source, wanted, total, control, rng["yield"])
         part, eaten = share(total, source, np.where(state.available, state.stock, 0.0))
         serve(wanted, source, part, control, ingested)
         state.ingested = state.ingested + ingested
         state.eaten = state.eaten + eaten
     return ingested, eaten
+
+
+def scale_meals(
+    model: Model, state: State, source: Ints, wanted: Floats, total: Floats, control: Floats, rng: np.random.Generator
+) -> None:
+    """Scale what meals ask for, `wanted` (N, V) and its `total` (N,), and that part of u (N, V), by luck and by stock.
+
+    A meal succeeds with its chance; one that goes by the stock is multiplied by the share of the capacity that the
+    patch at `source` (N,) holds. Numbers are drawn for all slots, so that they do not depend on who eats.
+    """
+    capacity, drawn = model.resources.capacity, rng.random(model.size)
+    full = np.divide(state.stock, capacity, out=np.ones(len(capacity)), where=(capacity > 0) & np.isfinite(capacity))
+    for group, table in model.acting:
+        rows, action = group.slots, state.action[group.slots]
+        eats = (source[rows] >= 0) & (table.consumes[action] >= 0)
+        likely = 1.0 - elementary.power(1.0 - table.chance[action], model.dt)
+        factor = np.where(table.by_stock[action], full[source[rows]], 1.0) * (drawn[rows] < likely)
+        factor = np.where(eats, factor, 1.0)
+        wanted[rows] *= factor[:, None]
+        total[rows] *= factor
+        control[rows] = np.where(table.intake[action] > 0, control[rows] * factor[:, None], control[rows])
 
 
 def share(wanted: Floats, source: Ints, stock: Floats) -> tuple[Floats, Floats]:

@@ -257,11 +257,23 @@ class Scenario:
         for name in species.cues:
             cues = [cue.name for cue in self.cues]
             require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
+        for action in species.actions:
+            require(
+                action.cue is None or action.cue in [cue.name for cue in self.cues],
+                f"{owner}: action {action.name!r} waits for the cue {action.cue!r}. "
+                f"{nearest(str(action.cue), [cue.name for cue in self.cues])}",
+            )
+            require(
+                not action.by_stock or all(math.isfinite(r.most) for r in self.resources if r.name == action.resource),
+                f"{owner}: action {action.name!r} goes by the share of its capacity that {action.resource!r} holds, "
+                "which has no end; give the resource a stock.",
+            )
         heredity.check(species)
         for need in species.needs:
             leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
             fastest = (
                 max([need.leak, *leaks])
+                + max(a.drain.get(need.name, 0.0) for a in species.actions)
                 - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
             )
             require(
@@ -286,6 +298,12 @@ class Scenario:
             ("opens", species.opens, species),
         ]
         mentions += [("an exposure's control", e.control, species) for e in species.exposures]
+        mentions += [
+            (f"by of the adaptation of need {need.name!r}", (need.adaptation.by,), species)
+            for need in species.needs
+            if need.adaptation is not None and need.adaptation.by is not None
+        ]
+        mentions += [(f"feeds of need {need.name!r}", need.feeds, species) for need in species.needs if need.feeds]
         if species.crowding is not None:
             mentions.append(("crowding", species.crowding.control, species))
         if species.birth is not None:
@@ -296,7 +314,7 @@ class Scenario:
         for action in species.actions:
             mentions += [
                 (f"{word} of action {action.name!r}", getattr(action, word), species)
-                for word in ("control", "opens_from", "closes_at", "gain", "gives")
+                for word in ("control", "drain", "opens_from", "closes_at", "gain", "gives")
             ]
             if action.species in by_name:
                 whom = by_name[action.species]

@@ -16,7 +16,7 @@ import numpy as np
 
 from ecology import elementary
 from ecology.spec import Adaptation, Species, require
-from ecology.state import Floats, State
+from ecology.state import Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
@@ -33,6 +33,7 @@ class Moving:
     swing: Floats  # (N, V) units
     frequency: Floats  # (N, V) radians per unit of time
     phase: Floats  # (N, V) radians
+    by: Ints | None  # (N, V) column of the need whose intake counts; None: each need's own
 
     def wave(self, time: float) -> Floats:
         """Return what the clock adds to the set points, (N, V)."""
@@ -51,7 +52,15 @@ def compile_moving(species: Sequence[Species], width: int) -> Moving | None:
                 table[i, v] = 0.0 if need.adaptation is None else read(need.adaptation)
         return np.repeat(table, [s.slots for s in species], axis=0)
 
+    by = np.tile(np.arange(width), (len(species), 1))
+    for i, s in enumerate(species):
+        names = [need.name for need in s.needs]
+        for v, need in enumerate(s.needs):
+            if need.adaptation is not None and need.adaptation.by is not None:
+                by[i, v] = names.index(need.adaptation.by)
+    other = bool((by != np.arange(width)).any())
     return Moving(
+        by=np.repeat(by, [s.slots for s in species], axis=0) if other else None,
         gain=rows(lambda a: a.gain),
         recovery=rows(lambda a: a.recovery),
         relaxation=rows(lambda a: a.relaxation),
@@ -76,6 +85,8 @@ def move(model: Model, state: State, base: Floats, intake: Floats, before: float
     moving, dt = model.moving, model.dt
     assert moving is not None
     assert state.set_point is not None
+    if moving.by is not None:
+        intake = np.take_along_axis(intake, moving.by, axis=1)
     offset = (state.set_point - base - moving.wave(before)) * elementary.exp(-moving.relaxation * dt)
     offset += moving.gain * np.maximum(intake, 0.0)
     offset = np.sign(offset) * np.maximum(np.abs(offset) - moving.recovery * dt, 0.0)

@@ -72,6 +72,7 @@ class Adaptation:
     gain: float = 0.0  # change of the set point per unit taken in
     recovery: float = 0.0  # towards x*_0, units per unit of time
     relaxation: float = 0.0  # towards x*_0, share of the offset per unit of time
+    by: str | None = None  # need whose intake counts, such as the blood that feeds this one; this one when None
     swing: float = 0.0  # of the clock, units
     period: float = 1.0  # of the clock, units of time
     phase: float = 0.0  # of the clock, radians
@@ -95,6 +96,7 @@ class Need:
 
     dx = (-decay * season(t) * (1 + ageing * age) - leak * x + u [* x if proportional]) dt + noise dS
 
+    A need that `feeds` others is a compartment, such as a gut or the blood: what leaks out of it enters them.
     A fatigue is a need whose set point is 0 and whose decay is negative (it grows by itself).
     """
 
@@ -115,6 +117,9 @@ class Need:
     adaptation: Adaptation | None = None  # how the set point moves by itself; it needs a set_range
     weight: float = 1.0  # w of the drive: how much the deviation counts
     excess: float = 1.0  # factor of w above the set point
+    feeds: Mapping[str, float] = field(
+        default_factory=dict
+    )  # need -> units it gets per unit that leaks out of this one
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -130,6 +135,12 @@ class Need:
             noise=self.noise,
         )
         require(self.noise >= 0, f"{owner}: noise must not be negative, got {self.noise!r}.")
+        _finite(owner, **{f"feeds[{name!r}]": factor for name, factor in self.feeds.items()})
+        require(
+            not self.feeds or self.leak != 0,
+            f"{owner}: it feeds {sorted(self.feeds)} with what leaks out of it, and nothing does; give it a leak.",
+        )
+        require(self.name not in self.feeds, f"{owner}: it feeds itself; lower its leak instead.")
         require(
             len(self.bounds) == 2 and self.bounds[0] < self.bounds[1],
             f"{owner}: bounds must be (low, high) with low < high, got {self.bounds!r}.",
@@ -222,12 +233,15 @@ class Action:
     amount: float = 0.0  # of take and drop: units per unit of time
     species: str | None = None  # of bite and give: whom
     reach: float = 0.0  # of bite and give: farthest distance between the centres, length
-    chance: float = 1.0  # of bite: probability of success per unit of time
+    chance: float = 1.0  # of bite and consume: probability of success per unit of time; a meal that fails takes nothing
     gain: Mapping[str, float] = field(default_factory=dict)  # of bite: units that a success adds to one's needs
     damage: Mapping[str, float] | None = None  # of bite: units that it takes from the bitten; None: it kills
     gives: Mapping[str, float] = field(default_factory=dict)  # of give: units per unit of time, from need to same need
     efficiency: float = 1.0  # of give: share of what is given that arrives
+    drain: Mapping[str, float] = field(default_factory=dict)  # need -> share of x that it loses per unit of time
+    by_stock: bool = False  # of consume: intake is multiplied by the share of its capacity that the patch holds
     duration: float = 0.0  # minimal duration, during which no other action is open; of bite: handling time
+    cue: str | None = None  # open only while this cue of the scenario is shown
     emits: Mapping[str, float] = field(default_factory=dict)  # channel -> content of the signal that it sends
     opens_from: Mapping[str, float] = field(default_factory=dict)  # open only while every need named is at least this
     closes_at: Mapping[str, float] = field(default_factory=dict)  # closed while any need named is at least this
@@ -246,7 +260,7 @@ class Action:
         if self.direction is not None:
             _finite(owner, direction=self.direction)
         require(self.duration >= 0, f"{owner}: duration must not be negative, got {self.duration!r}.")
-        for rates in (self.control, self.opens_from, self.closes_at, self.emits):
+        for rates in (self.control, self.drain, self.opens_from, self.closes_at, self.emits):
             _finite(owner, **rates)
         require(
             (self.resource is not None) == (self.kind in ("consume", "go_to", "take", "drop")),
@@ -275,6 +289,18 @@ class Action:
         for word, amounts in (("gain", self.gain), ("damage", self.damage or {}), ("gives", self.gives)):
             _amounts(owner, word, amounts)
         require(bool(self.gives) or self.kind != "give", f"{owner}: name what is given, {{need: units per time}}.")
+        require(
+            self.kind == "consume" or not self.by_stock,
+            f"{owner}: by_stock is of consume, what it takes depends on the patch; a {self.kind} has none.",
+        )
+        require(
+            self.chance == 1 or self.kind in ("bite", "consume"),
+            f"{owner}: chance is of bite and consume; a {self.kind} always succeeds, got {self.chance!r}.",
+        )
+        require(
+            self.cue is None or self.kind != "rest",
+            f"{owner}: rest takes the place of closed actions and waits for no cue, got {self.cue!r}.",
+        )
 
 
 def rest(name: str = "rest", **rest_of: object) -> Action:
@@ -876,6 +902,7 @@ class Birth:
     maturity: float = 0.0  # age from which one is fit, time
     parents: int = 1  # with 2, it takes a mate that is fit too: the nearest one; only the one that bears pays
     mates_within: float = math.inf  # farthest distance of a mate, length
+    limit: float = math.inf  # K: with n of the species alive the rate is multiplied by 1 - n / K, 0 from K on
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -888,6 +915,7 @@ class Birth:
             self.mates_within > 0 and (self.parents == 2 or self.mates_within == math.inf),
             f"Birth: mates_within is a positive distance, of two parents, got {self.mates_within!r}.",
         )
+        require(self.limit > 0, f"Birth: limit must be positive, got {self.limit!r}; leave it out for none.")
         _amounts("Birth", "cost", self.cost)
 
 

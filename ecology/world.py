@@ -99,6 +99,7 @@ class ArrayWorld:
         self.seed, self.reweighed = seed, {}
         concerns = (*CONCERNS, heredity.STREAM) if model.heredity is not None else CONCERNS
         concerns = (*concerns, "senses") if any(gaze.faults for gaze in model.gazes) else concerns
+        concerns = (*concerns, "yield") if model.yields else concerns
         streams = np.random.SeedSequence(seed).spawn(len(concerns))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(concerns, streams, strict=True)}
         self._state = state = _first_state(model, self._rng)
@@ -110,22 +111,23 @@ class ArrayWorld:
         self._sense(state)
         return self._observe(np.zeros(model.size))
 
-    def step(self, chosen: Ints) -> Tick:
+    def step(self, chosen: Ints, steering: Floats | None = None) -> Tick:
         """Advance one tick: this is the order of things, top to bottom.
 
         `chosen` (N,) holds an index into each slot's own species' actions; entries of dead slots are ignored.
+        `steering` (N, 2) is the speed and the turn rate of those that move, NaN: as their action has them.
         """
         before = self.state
         model, seen, rng = self.model, self.perception, self._rng
         state = before.next()
         # actions: what each body does
-        deeds = actions.decide(model, state, seen, np.asarray(chosen))
+        deeds = actions.decide(model, state, seen, np.asarray(chosen), steering)
         # physics: bodies move and touch
         way = velocities(deeds.direction, deeds.speed)
         state.position, put_back = self._physics.move(state.position, way, model.dt, state.alive)
         state.returned += put_back
         # resources: bodies that eat from one stock share it
-        ingested, eaten = resources.eat(model, state, seen, deeds.control)
+        ingested, eaten = resources.eat(model, state, seen, deeds.control, rng)
         hauling.haul(model, state, seen, eaten)
         # meetings: bites, gifts, crowding, the scenario's own rule
         met = meetings.meet(model, state, seen, deeds.control, rng)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import stats
+
+if TYPE_CHECKING:
+    from ecology.observers.plotting import Figure
 
 CONFIDENCE = 0.95  # of every interval
 WIDE = 0.25  # half width of an interval, as a share of the number in it, from which it says nothing
@@ -104,3 +107,4 @@ class Case:
     rows: Callable[[Mapping[str, Any]], list[Row]]  # by the keys of the parts; parts may be missing
     notes: list[str] = field(default_factory=list)
     table: Callable[[Mapping[str, Any]], str] | None = None  # in Markdown, of what the rows do not hold
+    figure: Callable[[Mapping[str, Any], Figure], None] | None = None  # draws what a paper would print

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ecology.lab.certificate import reference
-from ecology.lab.certificate.case import Row
+from ecology.lab.certificate.case import Case, Row
 from ecology.lab.runs.folder import replace_text
 
 TABLE, PARQUET = "certificate.md", "certificate.parquet"
+SIZE, DPI = (7.2, 4.2), 130  # of a figure: inches, and dots per inch
 HEAD = ("case", "what", "theirs", "closed form", "ours (95 % interval)", "SD", "n", "verdict")
 
 
@@ -46,6 +48,20 @@ def markdown(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
 def certificate(table: Mapping[str, Sequence[Row]]) -> str:
     """Return the certificate as a table of Markdown."""
     return markdown(HEAD, [cells(name, row) for name, found in table.items() for row in found])
+
+
+def draw(folder: Path, case: Case, values: Mapping[str, Any]) -> list[Path]:
+    """Draw the figure of a case into the folder, as far as its parts are done; return its path, of none nothing."""
+    if case.figure is None or not values:
+        return []
+    from ecology.observers.plotting import new_figure  # slow to load
+
+    figure = new_figure(SIZE)
+    case.figure(values, figure)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{case.name}.png"
+    figure.savefig(path, dpi=DPI, format="png")
+    return [path]
 
 
 def write(folder: Path, table: Mapping[str, Sequence[Row]], tables: Mapping[str, str]) -> list[Path]:

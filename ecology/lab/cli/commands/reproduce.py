@@ -155,6 +155,8 @@ def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
     found = {case.name: ledgers.rows(case, ledger) for case in cases}
     tables = {case.name: text for case in cases if (text := ledgers.table(case, ledger)) is not None}
     written = report.write(out, found, tables)
+    for case in cases:
+        written += report.draw(out, case, ledgers.values(case, ledger))
     if not quiet:
         table = Table(*report.HEAD)
         for name, rows in found.items():

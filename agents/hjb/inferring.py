@@ -1,0 +1,88 @@
+"""f/J that infer what others feel from their signs, by what the same signs go with in themselves.
+
+An agent knows its own drive, and its own signs: the needs that others can sense of it, such as posture or a display.
+It remembers both, and expects of another with a sign s the mean of its own drives at signs near s (a kernel regression,
+Nadaraya and Watson 1964). What it feels of the other is that, times how much it cares. It never reads the component
+`felt` of zeta, which holds the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ecology import EcologyError, Group, elementary
+from ecology.agents.base import Transition
+from ecology.agents.hjb.learner import HJB
+from ecology.agents.hjb.settings import HJBSettings
+
+REMEMBERED = 400  # latest ticks whose own signs and drive are known
+NEAR = 0.1  # standard deviation of the kernel, in units of a sign's scale
+PRIOR = 1e-3  # weight of the drive at rest, which is expected of unknown signs
+
+
+class Inferring(HJB):
+    """f/J that infer what others feel from signs that they know of themselves."""
+
+    def __init__(
+        self, group: Group, seed: np.random.SeedSequence, settings: HJBSettings | None = None, device: str = "cpu"
+    ) -> None:
+        super().__init__(group, seed, settings, device)
+        layout = group.layout
+        names = list(layout.names)
+        own = [i for i, kind in enumerate(layout.kinds) if kind == "deviation"]
+        pairs = [
+            (i, j)
+            for i in own
+            for j, name in enumerate(names)
+            if layout.kinds[j] == "plain" and name.endswith(f"_1_{names[i]}")
+        ]
+        if "felt" not in names or not pairs:
+            raise EcologyError(
+                f"inferring is for a species with empathy in the sum form, perceived, that senses of its neighbours a "
+                f"need which it has itself and they open; {group.name!r} senses {', '.join(names)}."
+            )
+        self.own, self.others = (np.array(columns) for columns in zip(*pairs, strict=True))
+        self.felt = names.index("felt")
+        scale = np.asarray(layout.scale, float)
+        minded = [i for i in own if layout.regulated[i]]
+        self.cares = float(scale[self.felt] / np.sqrt(np.square(scale[minded]).sum()))  # weight of empathy
+        self.width = NEAR * scale[self.own]
+        n = group.size
+        self.signs = np.zeros((n, REMEMBERED, len(pairs)))
+        self.drives = np.zeros((n, REMEMBERED))
+        self.known = np.zeros(n, np.int64)
+
+    def infer(self, observations: np.ndarray) -> np.ndarray:
+        """Return the drive (n,) that each agent expects of its nearest neighbour, from its signs in zeta (n, D)."""
+        gap = (self.signs - observations[:, None, self.others]) / self.width
+        weight = elementary.exp(-0.5 * np.square(gap).sum(axis=-1))
+        weight *= np.arange(REMEMBERED) < np.minimum(self.known, REMEMBERED)[:, None]
+        found: np.ndarray = (weight * self.drives).sum(axis=1) / (weight.sum(axis=1) + PRIOR)
+        return found
+
+    def read(self, observations: np.ndarray) -> np.ndarray:
+        """Return zeta (n, D) with what is inferred in the place of what is felt."""
+        found = np.array(observations)
+        found[:, self.felt] = self.cares * self.infer(observations)
+        return found
+
+    def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        """Act on what is inferred."""
+        return super().act(self.read(observations), masks)
+
+    def learn(self, transition: Transition) -> None:
+        """Note one's own signs and drive, and take in one tick as it is inferred."""
+        zeta = np.array(transition.observations)
+        zeta[:, self.felt] = 0.0
+        rows = np.flatnonzero(transition.alive)
+        at = self.known[rows] % REMEMBERED
+        self.signs[rows, at], self.drives[rows, at] = zeta[np.ix_(rows, self.own)], self.drive(zeta)[rows]
+        self.known[rows] += 1
+        after = self.read(transition.next_observations)
+        super().learn(replace(transition, observations=self.read(transition.observations), next_observations=after))
+
+    def _life(self) -> dict[str, np.ndarray]:
+        """Return every array here that changes and starts blank at birth, by name."""
+        return super()._life() | {"signs": self.signs, "sign_drives": self.drives, "signs_known": self.known}

@@ -1,0 +1,152 @@
+"""Lives whose answer is known: scripted agents in a shipped scenario, and learners beside them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ecology import Ecology, Scenario, Tick, agents, scenarios
+from ecology.agents import loop
+from ecology.agents.base import Learner
+from ecology.lab.runs.run_config import world_digest
+from ecology.observers.plotting import Axes
+from ecology.state import Floats, Ints
+
+SEEDS = 8  # of learners
+OURS, THEIRS, CLOSED = "#0072B2", "#D55E00", "#222222"  # colours: blue and vermilion of Okabe and Ito (2008)
+Policy = Callable[[Ecology, Tick], Ints]  # actions (N,) of all slots
+Look = Callable[[Ecology, Tick], Any]
+
+
+def begin(name: str, seed: int, **settings: Any) -> tuple[Ecology, Tick]:
+    """Return the world of a scenario, started from `seed`, and its first tick."""
+    env = Ecology(scenarios.load(name, **settings))
+    return env, env.reset_arrays(seed)
+
+
+def play(env: Ecology, tick: Tick, ticks: int, policy: Policy, look: Look | None = None) -> list[Any]:
+    """Run scripted agents for `ticks` ticks and return what `look` saw after each."""
+    seen = []
+    for _ in range(ticks):
+        tick = env.step_arrays(policy(env, tick))
+        if look is not None:
+            seen.append(look(env, tick))
+    return seen
+
+
+def act(env: Ecology, **actions: str | np.ndarray) -> Ints:
+    """Return the actions (N,) of species by name: one for all, or an array of indices (n,); others do the first."""
+    found = np.zeros(env.size, np.int64)
+    for species, action in actions.items():
+        group = env.groups[species]
+        found[group.slots] = group.actions.index(action) if isinstance(action, str) else action
+    return found
+
+
+class Watch:
+    """An observer that keeps what `look` returns of the state after every tick."""
+
+    def __init__(self, look: Callable[[Ecology, Any], Any]) -> None:
+        self.look, self.rows = look, list[Any]()
+
+    def begin(self, env: Ecology, minds: Mapping[str, Any]) -> None:
+        """Know the world."""
+        self.env = env
+
+    def watch(self, state: Any, tick: Tick, minds: Mapping[str, Any]) -> None:
+        """Look at one tick."""
+        self.rows.append(self.look(self.env, state))
+
+    def end(self) -> None:
+        """Keep what was seen."""
+
+
+def learn(
+    name: str,
+    seed: int,
+    ticks: int,
+    look: Callable[[Ecology, Any], Any] | None = None,
+    own: Mapping[str, Any] | None = None,
+    **settings: Any,
+) -> tuple[Ecology, dict[str, Learner], Tick, list[Any]]:
+    """Let the learners of a scenario live for `ticks`; `own` are settings of the learners beyond the scenario's.
+
+    Returns the world, its learners, the last tick, and what `look` saw of the state after every tick.
+    """
+    scenario = scenarios.load(name, **settings)
+    env, watch = Ecology(scenario), Watch(look or (lambda *_: None))
+    minds = minds_of(env, scenario, seed, own or {})
+    tick = loop.run(env, minds, env.reset_arrays(seed), ticks, (watch,) if look else ())
+    return env, minds, tick, watch.rows
+
+
+def minds_of(env: Ecology, scenario: Scenario, seed: int, own: Mapping[str, Any]) -> dict[str, Learner]:
+    """Return the learners that a scenario names, with their settings and `own` where they have such."""
+    found = {}
+    for i, (group, species) in enumerate(zip(env.groups.values(), scenario.species, strict=True)):
+        known = agents.settings(species.learner)
+        told = {k: v for k, v in {**species.learner_settings, **own}.items() if k in known}
+        found[group.name] = agents.make(species.learner, group, np.random.SeedSequence([seed, i]), told)
+    return found
+
+
+def frozen(env: Ecology, minds: Mapping[str, Learner], tick: Tick, ticks: int, epsilon: float, look: Any) -> list[Any]:
+    """Return what `look` sees of `ticks` more ticks in which nobody learns and all explore with `epsilon`."""
+    for mind in minds.values():
+        mind.evaluating(epsilon)
+    watch = Watch(look)
+    loop.run(env, minds, tick, ticks, (watch,))
+    return watch.rows
+
+
+def words(name: str, **more: Any) -> dict[str, Any]:
+    """Return what a part in a scenario depends on."""
+    return {"world": world_digest(scenarios.load(name)), **more}
+
+
+def fit_line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+    """Return slope and intercept of the least squares line."""
+    slope, intercept = np.polyfit(np.asarray(x, float), np.asarray(y, float), 1)
+    return float(slope), float(intercept)
+
+
+def column(done: Mapping[str, Any], prefix: str) -> list[Any]:
+    """Return the values of the parts whose keys begin with `prefix`, in order."""
+    return [value for key, value in done.items() if key.startswith(prefix)]
+
+
+# ---- figures -----------------------------------------------------------------------------------
+
+
+def band(ax: Axes, x: Iterable[float], samples: Sequence[Sequence[float]], label: str, colour: str = OURS) -> None:
+    """Draw the mean of each sample with its 95 % interval of Student's t."""
+    from ecology.lab.certificate.case import Row
+
+    rows = [Row("", sample) for sample in samples]
+    mean = np.array([row.mean() for row in rows])
+    half = np.array([0.0 if row.interval() is None else row.interval()[1] - row.mean() for row in rows])  # type: ignore[index]
+    ax.errorbar(list(x), mean, yerr=half, fmt="o", color=colour, capsize=3, label=label, markersize=4)
+
+
+def finish(ax: Axes, x: str, y: str, title: str = "") -> None:
+    """Label the axes of a panel and drop what no paper prints."""
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+    if title:
+        ax.set_title(title, fontsize=9)
+    ax.spines[["top", "right"]].set_visible(False)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(frameon=False, fontsize=7.5)
+
+
+def phi(z: float) -> float:
+    """Return the normal distribution function."""
+    return 0.5 * (1 + math.erf(z / math.sqrt(2)))
+
+
+def binomial(n: int, p: float) -> Floats:
+    """Return the probabilities of 0 to n successes, (n + 1,)."""
+    return np.array([math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(n + 1)])

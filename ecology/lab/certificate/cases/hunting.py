@@ -1,0 +1,120 @@
+"""B3: Holling's functional response, and what learning does to it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy import optimize
+
+from ecology import Ecology, Tick
+from ecology.lab.certificate import answers
+from ecology.lab.certificate.case import Case, Part, Row
+from ecology.scenarios.hunting import REACH, SIDE, WALK
+from ecology.state import Ints
+
+ORDER = 36
+DENSITIES = (0.25, 0.5, 1.0, 2.0, 4.0)
+HANDLING, HUNTERS, TICKS = 60.0, 40, 3_000
+LEARNERS, LIVED, AMONG = 8, 3_000, (0.5, 1.0, 4.0)  # agents, ticks, densities
+
+
+def scripted(density: float, seed: int, handling: float = HANDLING) -> float:
+    """Return the prey that a hunter takes per unit of time: it walks straight on, and bites what is in its reach."""
+    env, tick = answers.begin("hunting", seed, density=density, handling=handling, hunters=HUNTERS, sight=2 * REACH)
+    names = {a: i for i, a in enumerate(env.groups["hunter"].actions)}
+
+    def policy(env: Ecology, tick: Tick) -> Ints:
+        bites = tick.masks["hunter"][:, names["bite_prey"]]
+        return answers.act(env, hunter=np.where(bites, names["bite_prey"], names["walk"]))
+
+    seen = answers.play(env, tick, TICKS, policy, lambda e, _: int((e.state_view.bit >= 0).sum()))
+    skip = TICKS // 10
+    return sum(seen[skip:]) / (TICKS - skip) / HUNTERS
+
+
+def learned(density: float, seed: int) -> float:
+    """Return the prey that a learner takes per unit of time in the second half of its life."""
+    _, _, _, rows = answers.learn(
+        "hunting", seed, LIVED, lambda _, s: int((s.bit >= 0).sum()), density=density, handling=HANDLING,
+        hunters=LEARNERS,
+    )  # fmt: skip
+    return sum(rows[LIVED // 2 :]) / (LIVED // 2) / LEARNERS
+
+
+def fit(rates: Mapping[float, float]) -> tuple[float, float]:
+    """Return a and h of f = a N / (1 + a h N), least squares of 1 / f against 1 / N weighted by f^2."""
+    n, f = np.array(list(rates), float), np.array(list(rates.values()), float)
+    start = (2 * REACH * WALK, HANDLING)
+    (a, h), _ = optimize.curve_fit(lambda n, a, h: a * n / (1 + a * h * n), n, f, p0=start, sigma=np.maximum(f, 1e-6))
+    return float(a), float(h)
+
+
+def _parts() -> list[Part]:
+    told = answers.words("hunting", handling=HANDLING, hunters=HUNTERS, ticks=TICKS)
+    found = []
+    for seed in range(4):
+        found += [Part(f"scripted-{d:g}-{seed}", told, 3.0, functools.partial(scripted, d, seed)) for d in DENSITIES]
+    told = answers.words("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
+    for seed in range(answers.SEEDS):
+        found += [Part(f"learned-{d:g}-{seed}", told, 5.0, functools.partial(learned, d, seed)) for d in AMONG]
+    return found
+
+
+def fits(done: Mapping[str, Any], kind: str, seeds: int) -> list[tuple[float, float]]:
+    """Return a and h of every seed whose lives at all densities are done."""
+    found = []
+    for seed in range(seeds):
+        asked = DENSITIES if kind == "scripted" else AMONG
+        rates = {d: done[f"{kind}-{d:g}-{seed}"] for d in asked if f"{kind}-{d:g}-{seed}" in done}
+        if len(rates) == len(asked):
+            found.append(fit(rates))
+    return found
+
+
+def _rows(done: Mapping[str, Any]) -> list[Row]:
+    found = []
+    ours = fits(done, "scripted", 4)
+    if ours:
+        a, h = zip(*ours, strict=True)
+        found.append(Row("handling time h", h, closed=HANDLING, tolerance=0.05 * HANDLING))
+        closed = 2 * REACH * WALK
+        found.append(
+            Row("rate of search a, still prey, straight paths: 2 R v", a, closed=closed, tolerance=0.1 * closed)
+        )
+    ours = fits(done, "learned", answers.SEEDS)
+    if ours:
+        a, h = zip(*ours, strict=True)
+        found.append(Row("f/J (lean): handling time h", h, closed=HANDLING))
+        blind = 2 * REACH * WALK
+        row = Row("", a)
+        low, high = row.interval() or (row.mean(), row.mean())
+        verdict = "learning raises a" if low > blind else "learning lowers a" if high < blind else "cannot be told"
+        found.append(Row(f"f/J (lean): rate of search a, blind straight paths {blind:g}", a, verdict=verdict))
+    return found
+
+
+def _figure(done: Mapping[str, Any], figure: Any) -> None:
+    ax = figure.add_subplot()
+    x = np.linspace(0, max(DENSITIES) * 1.05, 100)
+    a = 2 * REACH * WALK
+    ax.plot(x, a * x / (1 + a * HANDLING * x), color=answers.CLOSED, label="Holling, a = 2 R v")
+    for kind, label, colour in (("scripted", "scripted", "0.5"), ("learned", "f/J (lean)", answers.OURS)):
+        have = [d for d in DENSITIES if answers.column(done, f"{kind}-{d:g}-")]
+        if have:
+            answers.band(ax, have, [answers.column(done, f"{kind}-{d:g}-") for d in have], label, colour)
+    ax.axhline(1 / HANDLING, color="0.8", ls=":")
+    answers.finish(ax, f"prey per unit of area ({SIDE:g} x {SIDE:g})", "prey taken per tick")
+
+
+def case() -> Case:
+    """Return the case."""
+    return Case(
+        "hunting",
+        "the functional response (Holling 1959)",
+        _parts,
+        _rows,
+        figure=_figure,
+    )

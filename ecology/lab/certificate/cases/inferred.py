@@ -1,0 +1,172 @@
+"""A7: agents that see only signs of what their partner feels."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ecology import Ecology, Tick
+from ecology.lab.certificate import answers, episodes
+from ecology.lab.certificate.case import Case, Part, Row
+from ecology.scenarios.food_share import D_HIGH, D_LOW
+from ecology.state import Ints
+
+ORDER = 33
+NOISE, WEIGHT, CAP, TRAINED, LIVES = 0.1, 0.5, 2_000, 4_000, 4
+# share of the time that the partner is low where it is always fed when it is: a fall of .1 a tick, repaired in the next
+KINDS = {
+    "none": {"weight": 0.0, "senses": "nothing"},
+    "signs": {"weight": WEIGHT, "senses": "signs"},
+    "told": {"weight": WEIGHT, "senses": "energy"},
+}
+PUBLISHED = (1803.0, 267.0, 20)  # FoodShare under full inference, Man and Yoshida 2025
+
+
+def policy_of(inferring: bool) -> episodes.Policy:
+    """Return the policy that passes where its energy is high and the partner is, or seems, low."""
+
+    def policy(env: Ecology) -> Ints:
+        state = env.state_view
+        own, other = env.groups["possessor"].slots, env.groups["partner"].slots
+        column = list(env.scenario.species[1].needs).index(
+            next(n for n in env.scenario.species[1].needs if n.name == "display")
+        )
+        low = state.internal[other, column] < 0.5 if inferring else state.internal[other, 0] <= 0
+        return np.where((state.internal[own, 0] > 0) & low, 1, 0)
+
+    return policy
+
+
+def scripted(inferring: bool, lives: int = LIVES, cap: int = CAP) -> list[float]:
+    """Return the lengths of lives under that policy."""
+    words = {"senses": "signs", "noise": NOISE}
+    found, _ = episodes.scripted("inferred", words, policy_of(inferring), 1, lives, cap)
+    return [float(n) for lengths in found for n in lengths]
+
+
+def expected(signs: float) -> float:
+    """Return the drive that a sign (0 or 1) stands for, of a body that is high as often as low."""
+    high = 1 - NOISE if signs > 0.5 else NOISE
+    return high * D_HIGH + (1 - high) * D_LOW
+
+
+def learned(kind: str, seed: int) -> dict[str, Any]:
+    """Return how long pairs live with a trained learner, and how well it infers what the partner feels."""
+    words = KINDS[kind]
+    env, minds, tick, _ = _train(words, seed)
+    mind = minds["possessor"]
+    found: dict[str, Any] = {}
+    if kind == "signs":
+        pairs = _inferred(env, mind, tick)
+        found["correlation"] = float(np.corrcoef(pairs.T)[0, 1])
+        found["noise limit"] = float(np.corrcoef(pairs[:, 1], pairs[:, 2])[0, 1])
+        found["pairs"] = pairs[:200].round(3).tolist()
+    mind.evaluating(0.0)
+    worlds = episodes.Worlds("inferred", {**words, "noise": NOISE}, 1, 100 + seed, CAP)
+    mind.begin()
+    lives = worlds.lives(lambda: mind.act(worlds.zeta, worlds.masks), LIVES)
+    found["lives"] = [float(n) for n in lives[0]]
+    return found
+
+
+def _train(words: Mapping[str, Any], seed: int, ticks: int | None = None) -> tuple[Ecology, Any, Tick, Any]:
+    """Let a learner live for `ticks` or TRAINED; whoever dies begins anew, and the learner keeps what it knows."""
+    from ecology.agents import loop
+
+    env, tick = answers.begin("inferred", seed, noise=NOISE, **words)
+    minds = answers.minds_of(env, env.scenario, seed, {})
+    lived = 0
+    while lived < (ticks or TRAINED):
+        tick = loop.run(env, minds, tick, 1)
+        lived += 1
+        if not tick.alive.all():
+            env.reset_arrays(seed * 10_000 + lived)
+            tick = env.step_arrays(np.zeros(env.size, np.int64))
+            minds["possessor"].begin()
+    return env, minds, tick, None
+
+
+def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarray:
+    """Return what is inferred of the partner's drive, what it is, and its sign, over ticks of random acts, (k, 3)."""
+    rng, found = np.random.default_rng(1), []
+    for k in range(ticks):
+        act = int(rng.integers(2))
+        tick = env.step_arrays(answers.act(env, possessor=np.array([act])))
+        if not tick.alive.all():
+            env.reset_arrays(50_000 + k)
+            tick = env.step_arrays(np.zeros(env.size, np.int64))
+        partner = env.groups["partner"].slots.start
+        state = env.state_view
+        found.append((float(mind.infer(tick.observations["possessor"])[0]), float(state.own_drive[partner]),
+                      float(state.internal[partner, -1] if len(env.scenario.species[1].needs) < 4
+                            else state.internal[partner, 3])))  # fmt: skip
+    return np.array(found)
+
+
+def _parts() -> list[Part]:
+    told = answers.words("inferred", noise=NOISE)
+    found = [
+        Part(f"scripted-{name}", told, 10.0, functools.partial(scripted, inferring))
+        for name, inferring in (("told", False), ("signs", True))
+    ]
+    told = answers.words("inferred", noise=NOISE, weight=WEIGHT, ticks=TRAINED)
+    return found + [
+        Part(f"{kind}-seed-{s}", told, 15.0, functools.partial(learned, kind, s))
+        for s in range(answers.SEEDS)
+        for kind in KINDS
+    ]
+
+
+def _rows(done: Mapping[str, Any]) -> list[Row]:
+    found = []
+    if "scripted-told" in done:
+        found.append(Row("ticks lived, scripted, told the truth", done["scripted-told"], closed=float(CAP)))
+    if "scripted-signs" in done:
+        what = f"ticks lived, scripted, acts by the sign alone (wrong in {NOISE:.0%})"
+        found.append(Row(what, done["scripted-signs"], theirs=PUBLISHED))
+    for kind, what in (("none", "no empathy"), ("signs", "empathy by signs, inferred"), ("told", "empathy, told")):
+        lives = answers.column(done, f"{kind}-seed-")
+        if not lives:
+            continue
+        ours = [float(np.mean(life["lives"])) for life in lives]
+        theirs = {"signs": PUBLISHED, "none": (25.0, 7.0, 20), "told": (2000.0, 0.0, 20)}[kind]
+        found.append(Row(f"f/J, ticks lived, {what}", ours, theirs=theirs))
+        if kind == "signs":
+            got, limit = [life["correlation"] for life in lives], [life["noise limit"] for life in lives]
+            closed = float(np.mean(np.abs(limit)))
+            found.append(Row("f/J, correlation of what is inferred with what the partner feels", got, closed=closed))
+    return found
+
+
+def _figure(done: Mapping[str, Any], figure: Any) -> None:
+    left, right = figure.subplots(1, 2)
+    kinds = [kind for kind in KINDS if answers.column(done, f"{kind}-seed-")]
+    for i, kind in enumerate(kinds):
+        lives = [float(np.mean(life["lives"])) for life in answers.column(done, f"{kind}-seed-")]
+        left.plot([i] * len(lives), lives, "o", color=answers.OURS, alpha=0.6)
+    left.axhline(PUBLISHED[0], color=answers.THEIRS, ls="--", label="published decoder")
+    left.set_xticks(range(len(kinds)), kinds)
+    answers.finish(left, "what is sensed of the partner", "ticks lived")
+    lives = answers.column(done, "signs-seed-")
+    if lives:
+        pairs = np.array(lives[0]["pairs"])
+        jitter = np.random.default_rng(0).normal(0, 0.03, len(pairs))
+        right.plot(pairs[:, 1] + jitter, pairs[:, 0], ".", color=answers.OURS)
+        limit = math.ceil(max(pairs[:, :2].max(), 1.0))
+        right.plot([0, limit], [0, limit], color="0.7")
+    answers.finish(right, "what the partner feels", "what is inferred (seed 0)")
+
+
+def case() -> Case:
+    """Return the case."""
+    return Case(
+        "inferred",
+        "empathy by signs alone (after Man and Yoshida 2025)",
+        _parts,
+        _rows,
+        figure=_figure,
+    )

@@ -1,0 +1,166 @@
+"""B1: the ideal free distribution over two pools."""
+
+# ruff: noqa: ARG001  (all policies and looks are of one form)
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ecology import Ecology, Tick
+from ecology.lab.certificate import answers
+from ecology.lab.certificate.case import Case, Part, Row
+from ecology.scenarios.two_pools import APART, POOL
+from ecology.state import Floats, Ints
+
+ORDER = 34
+RATIOS = (1.0, 2.0, 4.0, 8.0)
+AGENTS, TICKS = 48, 1_200
+EPSILON = 0.1  # of agents that go anywhere
+MOVES = 0.02  # share of agents a tick that compare the pools
+LEARNERS, LIVED = 24, 4_000
+HALL = POOL + APART / 2  # x of the middle
+
+
+def look(env: Ecology, state: Any) -> tuple[float, float, float, float]:
+    """Return how many stand in the left and in the right pool, and what each pool gave so far."""
+    inside = state.inside.sum(axis=0)
+    return float(inside[0]), float(inside[1]), float(state.eaten[0]), float(state.eaten[1])
+
+
+def scripted(ratio: float, epsilon: float, seed: int = 0) -> dict[str, float]:
+    """Return the distribution of agents that go where they would get more, or anywhere with `epsilon`, and intakes."""
+    env, tick = answers.begin("two_pools", seed, ratio=ratio, n=AGENTS)
+    rng, group = np.random.default_rng([seed, 1]), env.groups["agent"]
+    flow = np.array([r.stock for r in env.scenario.resources])
+    aim = rng.integers(0, 2, AGENTS)
+    random = rng.random(AGENTS) < epsilon  # agents that do not compare
+    names = {a: i for i, a in enumerate(group.actions)}
+
+    def policy(env: Ecology, tick: Tick) -> Ints:
+        asks = rng.random(AGENTS) < MOVES
+        aim[random & asks] = rng.integers(0, 2, int((random & asks).sum()))
+        for i in np.flatnonzero(asks & ~random):  # one after the other, so that they do not overshoot together
+            there = (
+                np.bincount(np.delete(aim, i), minlength=2)
+                if not epsilon
+                else np.round(np.bincount(np.delete(aim, i)[~np.delete(random, i)], minlength=2))
+            )
+            aim[i] = int(np.argmax(flow / (there + 1)))
+        go = np.where(aim == 0, names["go_to_left"], names["go_to_right"])
+        eat = np.where(aim == 0, names["consume_left"], names["consume_right"])
+        mask = tick.masks["agent"]
+        return answers.act(env, agent=np.where(mask[np.arange(AGENTS), eat], eat, go))
+
+    rows = np.array(answers.play(env, tick, TICKS, policy, lambda e, _: look(e, e.state_view)))
+    return summary(rows)
+
+
+def summary(rows: Floats) -> dict[str, float]:
+    """Return mean numbers in the pools over the second half, and the mean intake per agent and tick in each."""
+    half = rows[len(rows) // 2 :]
+    left, right = half[:, 0].mean(), half[:, 1].mean()
+    got = (half[-1, 2:] - half[0, 2:]) / (len(half) - 1)
+    return {"left": left, "right": right, "intake left": got[0] / max(left, 1e-9),
+            "intake right": got[1] / max(right, 1e-9)}  # fmt: skip
+
+
+def learned(ratio: float, seed: int) -> dict[str, float]:
+    """Return the distribution of learners."""
+    _, _, _, rows = answers.learn("two_pools", seed, LIVED, look, ratio=ratio, n=LEARNERS)
+    return summary(np.array(rows))
+
+
+def slope(lives: Mapping[float, Mapping[str, float]]) -> float:
+    """Return the slope of ln(N1 / N2) against ln(Q1 / Q2)."""
+    x = [math.log(ratio) for ratio in lives]
+    y = [math.log(max(life["left"], 0.5) / max(life["right"], 0.5)) for life in lives.values()]
+    return answers.fit_line(x, y)[0]
+
+
+def slope_of(epsilon: float) -> float:
+    """Return the slope where a share epsilon goes anywhere and the others do not make up for it."""
+    share = {r: (1 - epsilon) * r / (1 + r) + epsilon / 2 for r in RATIOS}
+    return answers.fit_line([math.log(r) for r in RATIOS], [math.log(s / (1 - s)) for s in share.values()])[0]
+
+
+def _parts() -> list[Part]:
+    told = answers.words("two_pools", ticks=TICKS, agents=AGENTS)
+    found = []
+    for epsilon in (0.0, EPSILON):
+        for seed in range(3):
+            found += [
+                Part(f"scripted-{epsilon:g}-{r:g}-{seed}", told, 2.0, functools.partial(scripted, r, epsilon, seed))
+                for r in RATIOS
+            ]
+    told = answers.words("two_pools", ticks=LIVED, agents=LEARNERS)
+    for seed in range(answers.SEEDS):
+        found += [Part(f"learned-{r:g}-{seed}", told, 5.0, functools.partial(learned, r, seed)) for r in RATIOS]
+    return found
+
+
+def slopes(done: Mapping[str, Any], kind: str, seeds: int) -> list[float]:
+    """Return the slope of every seed whose lives at all ratios are done."""
+    found = []
+    for seed in range(seeds):
+        lives = {r: done[f"{kind}-{r:g}-{seed}"] for r in RATIOS if f"{kind}-{r:g}-{seed}" in done}
+        if len(lives) == len(RATIOS):
+            found.append(slope(lives))
+    return found
+
+
+def _rows(done: Mapping[str, Any]) -> list[Row]:
+    found = []
+    free, noisy = slopes(done, "scripted-0", 3), slopes(done, f"scripted-{EPSILON:g}", 3)
+    if free:
+        found.append(Row("slope of ln N1/N2 against ln Q1/Q2, ideal free", free, closed=1.0, tolerance=0.05))
+        for r in RATIOS:
+            of = [done[f"scripted-0-{r:g}-{seed}"] for seed in range(3)]
+            ratio = [life["intake left"] / life["intake right"] for life in of]
+            found.append(Row(f"intake per agent, left over right, at {r:g}:1", ratio, closed=1.0, tolerance=0.1))
+    if noisy:
+        what = f"slope, a share {EPSILON:g} goes anywhere"
+        found.append(Row(what, noisy, closed=slope_of(EPSILON), tolerance=0.05))
+    ours = slopes(done, "learned", answers.SEEDS)
+    if ours:
+        what = f"f/J (lean, {LEARNERS}): slope of ln N1/N2 against ln Q1/Q2 (animals about .7)"
+        found.append(Row(what, ours, closed=1.0))
+        for r in RATIOS:
+            of = [done[f"learned-{r:g}-{seed}"] for seed in range(answers.SEEDS)]
+            ratio = [life["intake left"] / max(life["intake right"], 1e-9) for life in of]
+            found.append(Row(f"f/J: intake per agent, left over right, at {r:g}:1", ratio, closed=1.0))
+    return found
+
+
+def _figure(done: Mapping[str, Any], figure: Any) -> None:
+    ax = figure.add_subplot()
+    x = np.log(RATIOS)
+    ax.plot(x, x, color=answers.CLOSED, label="ideal free, slope 1")
+    for kind, label, colour in (
+        ("scripted-0", "scripted", "0.5"), ("learned", f"f/J, {LEARNERS} learners", answers.OURS),
+    ):  # fmt: skip
+        samples = [
+            [
+                math.log(max(life["left"], 0.5) / max(life["right"], 0.5))
+                for life in answers.column(done, f"{kind}-{r:g}-")
+            ]
+            for r in RATIOS
+        ]
+        if all(samples):
+            answers.band(ax, x, samples, label, colour)
+    answers.finish(ax, "ln Q1 / Q2", "ln N1 / N2")
+
+
+def case() -> Case:
+    """Return the case."""
+    return Case(
+        "two_pools",
+        "the ideal free distribution (Fretwell and Lucas 1970)",
+        _parts,
+        _rows,
+        figure=_figure,
+    )

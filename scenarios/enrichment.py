@@ -1,0 +1,71 @@
+"""The paradox of enrichment: a richer world makes prey and predators cycle (Rosenzweig and MacArthur).
+
+Prey N bear at r (1 - N / K) per head. A predator finds prey at the rate a, handles each for the time h, and e of a
+predator is born of every prey; predators die at m:
+
+    dN/dt = r N (1 - N / K) - a N P / (1 + a h N),    dP/dt = e a N P / (1 + a h N) - m P
+
+N is at rest at m / (a (e - m h)), which is stable up to K_c = (e + m h) / (a h (e - m h)) and a limit cycle above it.
+Everybody is anywhere in every tick, as the equations say. Numbers are `scale` times those of the equations with
+a = .001, h = 10, e = .5, m = .015: the larger, the less chance there is in them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ecology import Arena, Birth, Hazard, Need, Outcome, Scenario, Species, World, bite, rest
+
+FINDS, HANDLES, BORN, DIES = 0.001, 10.0, 0.5, 0.015  # a, h, e, m
+REACH = 1.0  # length
+N_REST = DIES / (FINDS * (BORN - DIES * HANDLES))
+K_CRITICAL = (BORN + DIES * HANDLES) / (FINDS * HANDLES * (BORN - DIES * HANDLES))
+
+
+def p_rest(capacity: float, growth: float) -> float:
+    """Return the predators at rest, of the equations."""
+    return growth / FINDS * (1 - N_REST / capacity) * (1 + FINDS * HANDLES * N_REST)
+
+
+def build(
+    capacity: float = 150.0, growth: float = 0.05, scale: float = 4.0, dt: float = 0.5, ticks: int = 6_000
+) -> Scenario:
+    """Return the world; `capacity` is K and `growth` r of the equations."""
+    side = math.sqrt(scale * math.pi * REACH**2 / (FINDS * dt))
+    predators = max(round(scale * p_rest(max(capacity, 1.2 * N_REST), growth)), 1)
+
+    def rule(world: World, rng: np.random.Generator) -> Outcome:
+        """Put everybody alive anywhere, and let a predator be born of a share e of the kills."""
+        outcome, state = world.nothing(), world.state
+        anywhere = side * rng.random(state.position.shape)
+        outcome.position = np.where(state.alive[:, None], anywhere, state.position)
+        killers = np.flatnonzero(state.bit >= 0)
+        bearing = killers[rng.random(len(killers)) < BORN]
+        outcome.births = {"predator": side * rng.random((len(bearing), 2))}
+        outcome.parents = {"predator": bearing}
+        return outcome
+
+    common = {"needs": (Need(name="ease", set_point=1.0),), "radius": REACH, "solid": False, "senses": ()}
+    prey = Species(
+        name="prey",
+        actions=(rest(),),
+        count=round(scale * N_REST * 1.1),
+        capacity=round(scale * capacity * 1.1),
+        birth=Birth(rate=growth, limit=scale * capacity),
+        learner="rest",
+        **common,
+    )
+    predator = Species(
+        name="predator",
+        actions=(rest(), bite("prey", reach=REACH, duration=HANDLES)),
+        count=predators,
+        capacity=5 * predators,
+        birth=Birth(rate=0.0),
+        hazard=Hazard(rate=DIES),
+        learner="greedy",
+        **common,
+    )
+    torus = Arena(vertices=((0, 0), (side, 0), (side, side), (0, side)), walls=False)
+    return Scenario(name="enrichment", arena=torus, species=(prey, predator), rule=rule, dt=dt, ticks=ticks)

@@ -1,0 +1,178 @@
+"""Scripted agents in the shipped experiments meet the closed forms, and each check fails in a world that is altered."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ecology.lab.certificate import answers
+from ecology.lab.certificate.case import Row
+from ecology.lab.certificate.cases import (
+    addiction,
+    all_cases,
+    anticipation,
+    choice,
+    heat,
+    hunting,
+    inferred,
+    kin,
+    laws,
+    night,
+    patches,
+    two_pools,
+)
+
+NAMES = (
+    "addiction", "anticipation", "choice", "enrichment", "heat", "hunting", "inferred", "kin", "laws", "night",
+    "patches", "two_pools",
+)  # fmt: skip
+
+
+def verdicts(module, done):
+    """Return what the rows of a case say of the parts that are done."""
+    return [row.says() for row in module.case().rows(done)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_case_draws_a_figure_of_whatever_is_done(name):
+    """A figure is drawn without any part too, so that a run that was stopped has one."""
+    from ecology.observers.plotting import new_figure
+
+    case = all_cases()[name]
+    figure = new_figure((6, 4))
+    case.figure({}, figure)
+    assert figure.axes
+
+
+def test_cooling_ahead_saves_from_the_load():
+    """The peaks and drives of the equation, and 48 ticks to death without; a weaker load gives other numbers."""
+    done = {f"ahead-{k}": heat.scripted(k) for k in (0, 16)}
+    assert set(verdicts(heat, done)) == {"agrees"}
+    weaker = {f"ahead-{k}": heat.scripted(k, load=6.0) for k in (0, 16)}
+    assert "differs from the closed form" in "".join(verdicts(heat, weaker))
+
+
+def test_shivering_follows_its_kinetics():
+    """Temperatures in a day, and overheating without the ethanol; the days swapped are told apart."""
+    path = anticipation.day(True, False)
+    assert verdicts(anticipation, {"scripted-1-0": path}) == ["agrees"] * len(anticipation.AT)
+    assert "agrees" not in verdicts(anticipation, {"scripted-1-1": path})
+
+
+def test_intake_escalates_with_long_access():
+    """Infusions and set point after twelve days of six hours; those of one hour are none of these."""
+    long, short = addiction.scripted(6.0), addiction.scripted(1.0)
+    found = verdicts(addiction, {"scripted-6": long, "scripted-1": short})
+    assert found[1] == found[3] == "agrees"
+    assert "agrees" not in verdicts(addiction, {"scripted-6": short, "scripted-1": long})
+    assert short["set_point"][-1] == pytest.approx(100, abs=0.5)
+    assert addiction.most_without() == pytest.approx(2.9, abs=0.05)
+
+
+def test_the_drive_decides():
+    """Risk, deprivation and dose by the drive in the world; a doubled drink is another boundary."""
+    done = {f"gamble-{x:g}": choice.gamble(x) for x in (0.0, 2.0)}
+    done |= {"deprivation-0.04": choice.preferences(0.02, 0.04), "dose": choice.meals()}
+    assert set(verdicts(choice, done)) == {"agrees"}
+    assert "differs from the closed form" in verdicts(choice, {"deprivation-0.04": choice.preferences(0.02, 0.01)})
+
+
+def test_curvature_sets_the_spread():
+    """The SD of a softmax walk in the world is that of detailed balance, and of no other exponent."""
+    ours = [choice.spread(2.0, seed) for seed in range(3)]
+    assert np.mean(ours) == pytest.approx(choice.stationary(2.0), rel=0.1)
+    assert choice.stationary(4 / 3) > 2 * np.mean(ours)
+
+
+def test_agents_are_free_and_ideal():
+    """Numbers match inputs at 4:1; agents that go anywhere do not."""
+    free, blind = two_pools.scripted(4.0, 0.0), two_pools.scripted(4.0, 1.0)
+    assert free["left"] / free["right"] == pytest.approx(4.0, rel=0.15)
+    assert free["intake left"] == pytest.approx(free["intake right"], rel=0.1)
+    assert blind["left"] / blind["right"] < 2
+    assert two_pools.slope_of(0.0) == pytest.approx(1.0)
+    assert two_pools.slope_of(0.1) == pytest.approx(0.836, abs=0.001)
+
+
+def test_patches_are_left_when_charnov_says():
+    """The residence of an agent that knows its mean rate; travel of 5 and of 20 are told apart."""
+    done = {f"scripted-{t}": patches.scripted(t) for t in (5, 20)}
+    assert set(verdicts(patches, done)) == {"agrees"}
+    assert "agrees" not in verdicts(patches, {"scripted-5": done["scripted-20"], "scripted-20": done["scripted-5"]})
+    assert [patches.charnov(t) for t in (5, 80)] == pytest.approx([12.65, 38.74], abs=0.01)
+    assert patches.discounted(20, 0.999999) == pytest.approx(patches.charnov(20), abs=0.1)
+
+
+def test_hunters_take_what_holling_says():
+    """At one density the catch is a N / (1 + a h N); with half the handling time it is not."""
+
+    def rate(handling):
+        return 0.02 * 1.0 / (1 + 0.02 * handling * 1.0)
+
+    found = hunting.scripted(1.0, 0)
+    assert found == pytest.approx(rate(60.0), rel=0.1)
+    assert abs(found - rate(30.0)) > 0.2 * found
+    assert hunting.fit({n: 0.02 * n / (1 + 1.2 * n) for n in (0.5, 1, 4)}) == pytest.approx((0.02, 60.0))
+
+
+def test_giving_spreads_by_relatedness():
+    """From r = 1 with c/b = .3 giving spreads, from r = 0 it goes, and the Price equation closes to 1e-12."""
+    kind, strange = (kin.evolve(r, 0.3, 0, generations=25) for r in (1.0, 0.0))
+    assert kind["share"][-1] > 0.8
+    assert strange["share"][-1] < 0.4
+    assert max(kind["price"], strange["price"]) < 1e-12
+    assert kin.threshold({0.0: 0.1, 0.5: 0.9}) == pytest.approx(0.25)
+
+
+def test_nights_are_survived_by_the_larger_z():
+    """Sleep of 8.1 and 15.9 h, and the switch to patchy meals below the budget."""
+    done = {"sleep-0": night.sleeps(0.0)}
+    for start in (0.5, 1.5):
+        done |= {f"budget-{start:g}-{m}": [night.survives(start, m, s) for s in range(2)] for m in ("steady", "patchy")}
+    rows = night.case().rows(done)
+    assert [row.closed for row in rows[:2]] == pytest.approx([15.9, 8.1], abs=0.05)
+    assert {row.says() for row in rows[:2]} == {"agrees"}
+    for row in rows[2:]:
+        assert row.mean() == pytest.approx(row.closed, abs=0.1)
+    alive = {key: np.mean(value) for key, value in done.items() if key.startswith("budget")}
+    assert alive["budget-0.5-patchy"] > alive["budget-0.5-steady"] + 0.1
+    assert alive["budget-1.5-patchy"] < alive["budget-1.5-steady"] - 0.1
+
+
+def test_small_laws():
+    """The lower R* wins, and the variance and the growth are those of their formulas, and of no other numbers."""
+    won = laws.competition(0)
+    assert won["thrifty"] > won["wasteful"]
+    assert laws.noise(0) == pytest.approx(0.9, rel=0.15)
+    rate = np.mean([laws.growth(seed) for seed in range(4)])
+    assert rate == pytest.approx(laws.euler_lotka(), rel=0.25)
+    assert rate < 0.75 * laws.BEARS  # without maturity
+    assert laws.gini(np.array([1.0, 1.0])) == 0
+    assert laws.gini(np.array([0.0, 1.0])) == pytest.approx(0.5)
+
+
+def test_signs_are_known_from_oneself():
+    """A learner that has seen its own display infers a low partner from a low display, and nothing from the truth."""
+    env, minds, tick, _ = inferred._train({"weight": 0.5, "senses": "signs"}, 0, 300)
+    mind = minds["possessor"]
+    zeta = np.repeat(tick.observations["possessor"], 2, axis=0)[:2]
+    low, high = (mind.group.layout.low[mind.others[0]], mind.group.layout.high[mind.others[0]])
+    assert low < high
+    told = []
+    for sign in (low, high):
+        one = zeta[:1].copy()
+        one[:, mind.others], one[:, mind.felt] = sign, 99.0
+        told.append((float(mind.infer(one)[0]), float(mind.read(one)[0, mind.felt])))
+    assert told[0][0] > told[1][0] + 0.5
+    assert told[0][1] == pytest.approx(mind.cares * told[0][0], rel=1e-5)
+    assert mind.cares == pytest.approx(0.5, rel=1e-6)
+    assert env.size == 2
+
+
+def test_rows_without_comparison_say_so():
+    """The line of the least squares, and Phi."""
+    assert answers.fit_line([0, 1, 2], [1, 3, 5]) == pytest.approx((2, 1))
+    assert answers.phi(0) == 0.5
+    assert answers.binomial(3, 0.5) == pytest.approx([1 / 8, 3 / 8, 3 / 8, 1 / 8])
+    assert math.isnan(patches.residence([False] * 10, 1.0, 0.0)["stay"])
+    assert Row("", [1.0], closed=1.0, tolerance=0.1).says() == "agrees"
