@@ -58,6 +58,7 @@ class Scenario:
     memory: Mapping[str, object] = field(default_factory=dict)  # the rule's own state at the start: numbers or arrays
     measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
+    numbering: tuple[int, int] = (0, 1)  # first serial and step between serials: islands share the numbers
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -71,6 +72,8 @@ class Scenario:
             isinstance(self.ticks, int) and self.ticks > 0,
             f"{owner}: ticks must be a positive whole number, got {self.ticks!r}.",
         )
+        first, step = self.numbering
+        require(0 <= first < step, f"{owner}: numbering is (first, step), 0 <= first < step, got {self.numbering!r}.")
         require(self.day is None or self.day > 0, f"{owner}: day must be a positive length, got {self.day!r}.")
         for what, names in (
             ("species", [species.name for species in self.species]),

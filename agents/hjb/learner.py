@@ -439,6 +439,31 @@ class HJB(Learner):
             found[f"memory.{name}"] = getattr(self.memory, name)
         return found
 
+    def pack(self, slots: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Return all that the agents in `slots` (k,) have become, of their memories only what is filled."""
+        rows = self.device.on(slots)
+        used = min(int(self.memory.count[slots].max(initial=0)), self.memory.capacity)
+        found = {name: array[slots] for name, array in self._life().items()}
+        for name, array in self._held().items():
+            part = array[rows][:, :used] if name.startswith("memory.") else array[rows]
+            found[name] = np.array(self.device.off(part))
+        return found
+
+    def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
+        """Let the agents in `slots` (k,) be those that another learner with these settings has packed."""
+        self.record.forget(slots)
+        held, life, rows = self._held(), self._life(), self.device.on(slots)
+        if packed.keys() != held.keys() | life.keys():
+            raise EcologyError("what arrives is of another learner; islands of a migrating species need the same one.")
+        for name, array in life.items():
+            array[slots] = packed[name]
+        for name, array in held.items():
+            if name.startswith("memory."):
+                array[rows, : packed[name].shape[1]] = self.device.on(packed[name])
+            else:
+                array[rows] = self.device.on(packed[name])
+        self.explores[slots] = -1
+
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the agents have become: arrays, and plain values that JSON holds."""
         streams = {"rng": self.rng.bit_generator.state, "generator": self.generator.bit_generator.state}

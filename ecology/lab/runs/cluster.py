@@ -12,8 +12,9 @@ import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from ecology.errors import EcologyError
 from ecology.lab.runs.sweep import Attempt, Cell, in_own_process
@@ -22,12 +23,8 @@ KNOCK = 10.0  # seconds for which a Ray cluster may take to accept a connection
 AHEAD = 16  # runs that wait at a Ray cluster beyond what it holds now: an autoscaler adds nodes for them
 
 
-def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
-    """Return how to run on a Ray cluster ("local" starts one on this machine), and how many runs to start now.
-
-    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
-    nodes that join later are used.
-    """
+def join(address: str) -> Any:
+    """Join a Ray cluster ("local" starts one on this machine), and return the package; EcologyError where it cannot."""
     try:
         import ray
     except ImportError as error:
@@ -51,6 +48,22 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
         else:
             advice = f"check that Ray {ray.__version__} runs there, with Python {platform.python_version()} as here"
         raise EcologyError(f"--ray {address!r}: Ray cannot join a cluster ({told}); {advice}.") from error
+    return ray
+
+
+def capacity(ray: Any, needs: Mapping[str, float]) -> int:
+    """Return how many runs with these `needs` fit on the nodes that a cluster has now."""
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    return sum(min(int(node.get(key, 0.0) / need + 1e-9) for key, need in needs.items() if need) for node in nodes)
+
+
+def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
+    """Return how to run on a Ray cluster ("local" starts one on this machine), and how many runs to start now.
+
+    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
+    nodes that join later are used.
+    """
+    ray = join(address)
     needs = {"CPU": 1.0, "GPU": gpus, "memory": memory * 2**30}
     task = ray.remote(num_cpus=1, num_gpus=gpus, memory=int(needs["memory"]), max_retries=0)(_in_worker)
 
@@ -64,11 +77,7 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
         except ray.exceptions.RayError as error:
             return -1, str(error).strip().partition("\n")[0]
 
-    def capacity() -> int:
-        nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
-        return sum(min(int(node.get(key, 0.0) / need + 1e-9) for key, need in needs.items() if need) for node in nodes)
-
-    if not capacity():
+    if not capacity(ray, needs):
         wanted = f"1 CPU, {gpus:g} GPUs and {memory:g} GiB of memory for a run"
         if address == "local":
             has = ray.cluster_resources()
@@ -83,7 +92,7 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
 
     def count() -> int:
         with contextlib.suppress(OSError, RuntimeError, ray.exceptions.RayError):  # of a cluster that is lost runs tell
-            known[0] = capacity()
+            known[0] = capacity(ray, needs)
         return known[0] + AHEAD
 
     return attempt, count

@@ -120,9 +120,13 @@ class Run:
             replace_text(self.folder / CONFIG, text)
             self.schedule.write()
 
-    def restore(self, *, previous: bool = False) -> None:
-        """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit."""
-        where = self.folder / CHECKPOINT
+    def restore(self, kept: Path | None = None, *, previous: bool = False) -> None:
+        """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit.
+
+        From one that was `kept`, which need not be the last, the run then goes on as if nothing had come after it.
+        """
+        where = kept or self.folder / CHECKPOINT
+        self._resumed = kept is not None
         parts = checkpoint.read(where, previous=previous)
         damaged = f"the checkpoint {str(where)!r} is damaged or foreign"
         try:
@@ -193,10 +197,25 @@ class Run:
 
         Raises StoppedError where a signal came, EcologyError where a network diverged or a user's own code failed.
         """
+        with self.under_way(observers):
+            keep = self.plan.keep_every
+            rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
+            while self.now < self.plan.ticks:
+                self.advance(min(self.plan.ticks - self.now, *(every - self.now % every for every in rhythms)))
+                self._keep(observers)
+                if keep and self.now % keep == 0:
+                    self.save(self.folder / KEPT / str(self.now))
+        return self.summary()
+
+    def advance(self, ticks: int) -> None:
+        """Live `ticks` ticks of a run that is under way."""
+        watchers = (self.tally, *self._observers, self._interrupt)
+        self.tick = loop.advance(self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between)
+
+    @contextlib.contextmanager
+    def under_way(self, observers: Sequence[Observer]) -> Iterator[None]:
+        """Let `advance` be called: observers begin, and what is written is written at the end, whatever happens."""
         interrupt = self._interrupt = Interrupt()
-        watchers = (self.tally, *observers, interrupt)
-        last, keep = self.plan.ticks, self.plan.keep_every
-        rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
         text = self.plan.to_toml()
         check_links(self.folder)
         with writable(self.folder, self._go_on), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
@@ -217,14 +236,7 @@ class Run:
                 checkpoint.put_aside(self.folder / CHECKPOINT)
             at_end.callback(self._write_summary)
             try:
-                while self.now < last:
-                    ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
-                    self.tick = loop.advance(
-                        self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between
-                    )
-                    self._keep(observers)
-                    if keep and self.now % keep == 0:
-                        self.save(self.folder / KEPT / str(self.now))
+                yield
             except StoppedError as stopped:
                 self.stopped_by = str(stopped)
                 self._keep(observers)
@@ -236,7 +248,6 @@ class Run:
             except BaseException as error:
                 self.stopped_by = faults.describe(error)
                 raise
-        return self.summary()
 
     @contextlib.contextmanager
     def _faults_told(self, *, kept: bool) -> Iterator[None]:
@@ -262,11 +273,15 @@ class Run:
         option = f" --source {choice}" if choice and any(map(source.is_file, self.plan.code)) else ""
         return f"ecology run --resume {self.folder}{option}"
 
-    def _keep(self, observers: Sequence[Observer]) -> None:
+    def keep_at(self, where: Path | None = None) -> None:
+        """Write the checkpoint of a run that is under way, or one to `where`, and what is recorded up to it."""
+        self._keep(self._observers, where)
+
+    def _keep(self, observers: Sequence[Observer], where: Path | None = None) -> None:
         """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
         for observer in observers:
             getattr(observer, "flush", lambda: None)()
-        self.save()
+        self.save(where)
 
     # ---- between two ticks -----------------------------------------------------------------
 
