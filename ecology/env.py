@@ -166,7 +166,7 @@ class Ecology(ParallelEnv):
         return self.world.settle(species, place, heading)
 
     def take_out(self, slots: Ints) -> tuple[Tick, Bodies]:
-        """Let the agents in `slots` (k,), of one species, leave between ticks; return what is perceived, and their bodies.
+        """Let the agents in `slots` (k,), of one species, leave between ticks; return the Tick and their bodies.
 
         Their slots are then as if nobody had lived there. `bring_in` of another world takes the bodies.
         """

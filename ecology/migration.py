@@ -1,7 +1,7 @@
 """Agents that leave a world between two ticks, and arrive in another: what of a body goes along.
 
-A body keeps its serial, its age, its needs, what it inherited and what it remembers. Where it is and whom it knows there
-belong to the place that it leaves.
+A body keeps its serial, its age, its needs, what it inherited and what it remembers. Where it is and whom it knows
+there belong to the place that it leaves.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def bring_in(model: Model, state: State, species: str, bodies: Bodies, rng: np.r
     mine = {name: value.shape[1:] for name in GOES_ALONG if isinstance(value := getattr(state, name), np.ndarray)}
     require(
         {name: rows.shape[1:] for name, rows in bodies.items()} == mine,
-        f"agents of {species!r} arrive with {sorted(bodies)}, and here they have {sorted(mine)}; islands between which a "
-        "species migrates need the same species.",
+        f"agents of {species!r} arrive with {sorted(bodies)}, and here they have {sorted(mine)}; islands between which "
+        "a species migrates need the same species.",
     )
     if not slots.size:
         return slots

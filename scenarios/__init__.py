@@ -36,14 +36,14 @@ def names() -> list[str]:
     return sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
 
 
-def archipelagos() -> list[str]:
+def archipelago_names() -> list[str]:
     """Return the names of the archipelagos that ship, sorted."""
     return sorted(path.stem for path in ARCHIPELAGOS.glob("*.py") if not path.stem.startswith("_"))
 
 
 def archipelago_file(name: str) -> str:
     """Return the path of the archipelago `name`, where one of that name ships; else `name`, the path of another."""
-    return str(ARCHIPELAGOS / f"{name}.py") if name in archipelagos() else name
+    return str(ARCHIPELAGOS / f"{name}.py") if name in archipelago_names() else name
 
 
 def module(name: str) -> ModuleType:
@@ -71,7 +71,7 @@ def _package_of(path: Path) -> str | None:
     """Return the package of a file that ships as a scenario or an archipelago; None of other files."""
     if path.parent == HERE.resolve() and path.stem in names():
         return __name__
-    if path.parent == ARCHIPELAGOS.resolve() and path.stem in archipelagos():
+    if path.parent == ARCHIPELAGOS.resolve() and path.stem in archipelago_names():
         return f"{__name__}.archipelagos"
     return None
 
@@ -91,10 +91,10 @@ def _path_of(name: str) -> Path:
         return path
     if name in names():
         return HERE / f"{name}.py"
-    if name in archipelagos():
+    if name in archipelago_names():
         return ARCHIPELAGOS / f"{name}.py"
     beside = f"{name}.py"
-    known = [*names(), *archipelagos()]
+    known = [*names(), *archipelago_names()]
     meant = f"Did you mean the file {beside!r}?" if os.path.isfile(beside) else nearest(name, known)
     raise EcologyError(
         f"there is no scenario {name!r}. {meant} A file of your own is given by its path, ending in .py."

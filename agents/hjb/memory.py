@@ -19,6 +19,20 @@ class Memory:
         self.open = device.zeros((n, capacity, movements), np.bool_)
         self.count = np.zeros(n, np.int64)  # decisions so far
 
+    def spare(self, slots: np.ndarray, uniform: np.ndarray, recent: int) -> None:
+        """Before one more decision of `slots` (k,): let some old ones outlive ones that are no longer recent.
+
+        A full memory then holds the last `recent` decisions and a sample of all before them, each being as likely:
+        reservoir sampling (Vitter 1985). Without, it holds the last ones alone. `uniform` (k,) are random numbers.
+        """
+        count = self.count[slots]
+        enters = (self.capacity - recent) / np.maximum(count - recent + 1.0, 1.0)
+        kept = (count >= self.capacity) & (uniform >= enters)
+        rows = self.device.on(slots[kept])
+        oldest, leaves = (self.device.on((count[kept] - back) % self.capacity) for back in (0, recent))
+        for array in (self.zeta, self.after, self.duration, self.movement, self.open):
+            array[rows, leaves] = array[rows, oldest]
+
     def add(
         self,
         slots: np.ndarray,

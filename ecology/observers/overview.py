@@ -28,8 +28,14 @@ INK, FAINT, WENT = (150, 156, 168), (90, 95, 105), (255, 200, 80)
 class Overview:
     """The recording of an archipelago: `recording.rrd` in its folder, a sample per stop of the islands."""
 
-    def __init__(self, path: Path, name: str, worlds: Sequence[Scenario], *, after: int | None = None) -> None:
-        """Record the islands `worlds` to `path`; `after` a tick, go on with what is recorded up to there."""
+    def __init__(
+        self, path: Path, name: str, worlds: Sequence[Scenario], passing: Sequence[str], *, after: int | None = None
+    ) -> None:
+        """Record the islands `worlds` to `path`; `after` a tick, go on with what is recorded up to there.
+
+        `passing` says what passes between them: "passed" for migrants, "pool" for a common pool.
+        """
+        self._passing = passing
         self._path, self._worlds, self._target = path, worlds, path
         self._species = list(dict.fromkeys(s.name for world in worlds for s in world.species))
         self._across = math.ceil(math.sqrt(len(worlds)))
@@ -52,10 +58,10 @@ class Overview:
     def _open(self) -> None:
         lines = [self._placed(i, line) for i, world in enumerate(self._worlds) for line in drawn_lines(world.arena)]
         self._rec.log(
-            "world/arenas", rr.LineStrips2D(lines, colors=[INK], radii=[rr.Radius.ui_points(0.7)]), static=True
+            "world/arenas", rr.LineStrips2D(lines, colors=[INK], radii=rr.Radius.ui_points(0.7)), static=True
         )
         if len(self._worlds) <= LABELLED:
-            places = [self._corner(i) + [0.0, -0.07] for i in range(len(self._worlds))]
+            places = [self._corner(i) - (0.0, 0.07) for i in range(len(self._worlds))]
             words = [str(i) for i in range(len(self._worlds))]
             dots = rr.Points2D(places, labels=words, colors=[INK], radii=[0.0], show_labels=True)
             self._rec.log("world/numbers", dots, static=True)
@@ -87,6 +93,7 @@ class Overview:
                 ("passed", "agents that migrated, and that found no room"),
                 ("pool", "traits of the pool, mean and standard deviation"),
             )
+            if what in ("population", "drive", *self._passing)
         ]
         return rrb.Blueprint(
             rrb.Horizontal(tiles, rrb.Vertical(*plots), column_shares=[1.2, 1]),

@@ -1,4 +1,4 @@
-"""What passes between islands at a stop: who goes where, and who is bred from the pool. Pure functions of the census."""
+"""What passes between islands at a stop: who goes where, and who is bred. Pure functions of the census."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def _with_room(moves: Moves, free: np.ndarray) -> Moves:
             break
         for island in np.flatnonzero(over > 0):
             kept[np.flatnonzero(kept & (moves.to == island))[-over[island] :]] = False
-    parts = (array[kept] for array in (moves.origin, moves.slot, moves.serial, moves.to))
-    return Moves(*parts, refused=int(np.count_nonzero(~kept)))
+    origin, slot, serial, to = (array[kept] for array in (moves.origin, moves.slot, moves.serial, moves.to))
+    return Moves(origin, slot, serial, to, refused=int(np.count_nonzero(~kept)))
 
 
 @dataclass

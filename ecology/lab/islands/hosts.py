@@ -55,14 +55,14 @@ class Host:
     def _do(self, number: int, method: str, words: Sequence[Any]) -> Any:
         return getattr(self._islands[number], method)(*words)
 
-    def _open(self, number: int, how: str, *words: Any) -> None:
+    def _open(self, number: int, how: str, *words: Any) -> Any:
         voyage = self._voyage = self._voyage or read_voyage(self._folder)
         folder = voyage.folder_of(self._folder, number)
         if how != "resume":
             shutil.rmtree(folder, ignore_errors=True)  # of a start that went no further
         island = IslandRun(voyage.plans[number], folder, voyage.world.pool, shown=voyage.record)
-        getattr(island, how)(*words)
         self._islands[number] = island
+        return getattr(island, how)(*words)
 
 
 class Handle(Protocol):
@@ -230,7 +230,7 @@ class Fleet:
     def _openings(self, host: int) -> Calls:
         share = self._share[host]
         if self._common is not None:
-            return {number: ("resume", self._common) for number in share}
+            return dict.fromkeys(share, ("resume", self._common))
         return {number: self._opening(number) for number in share}
 
     def _revive(self, host: int) -> dict[int, Any]:
@@ -253,8 +253,8 @@ class Fleet:
             except LostError:
                 continue
         raise EcologyError(
-            f"the host of the islands {', '.join(map(str, self._share[host]))} ended {1 + RETRIES} times since the common "
-            "snapshot; if memory is short, give fewer --workers or smaller learner memories, and resume."
+            f"the host of the islands {', '.join(map(str, self._share[host]))} ended {1 + RETRIES} times since the "
+            "common snapshot; if memory is short, give fewer --workers or smaller learner memories, and resume."
         )
 
 

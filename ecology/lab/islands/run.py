@@ -148,7 +148,9 @@ class ArchipelagoRun:
         from ecology.observers.overview import Overview  # slow to load
 
         worlds = [plan.load() for plan in self.voyage.plans]
-        self._overview = Overview(self.folder / RECORDING, self.voyage.world.name, worlds, after=self._common)
+        world = self.voyage.world
+        passing = ["passed"] * bool(world.migrations) + ["pool"] * (world.pool is not None)
+        self._overview = Overview(self.folder / RECORDING, world.name, worlds, passing, after=self._common)
         return self._overview
 
     # ---- from stop to stop -------------------------------------------------------------------
@@ -318,8 +320,8 @@ def fork(
     known = sorted(int(path.name) for path in (first / KEPT).glob("[0-9]*") if path.name.isdecimal())
     if at not in known:
         raise EcologyError(
-            f"the archipelago {str(folder)!r} has common snapshots at tick {', '.join(map(str, known)) or '(none)'}, not "
-            f"at {at}; give one of those, or run with --keep-every N."
+            f"the archipelago {str(folder)!r} has common snapshots at tick {', '.join(map(str, known)) or '(none)'}, "
+            f"not at {at}; give one of those, or run with --keep-every N."
         )
     for key in changes:
         if key not in before.settings:
@@ -333,7 +335,8 @@ def fork(
         raise EcologyError(f"a fork at tick {at} that lives to tick {voyage.ticks} has no future; give more --ticks.")
     if len(voyage.plans) != len(before.plans):
         raise EcologyError(
-            f"a fork keeps the islands: there were {len(before.plans)}, and would be {len(voyage.plans)}; start a new run."
+            f"a fork keeps the islands: there were {len(before.plans)}, and would be {len(voyage.plans)}; start a new "
+            "run."
         )
     run = ArchipelagoRun(voyage, out or folder.absolute().with_name(f"{folder.absolute().name}-at-{at}"))
     run.now = at

@@ -6,6 +6,7 @@ import contextlib
 import signal
 import sys
 from multiprocessing.connection import Connection
+from typing import Any
 
 from ecology.errors import EcologyError
 from ecology.lab.islands.hosts import Host
@@ -17,6 +18,7 @@ def serve(line: Connection, host: Host) -> None:
     with contextlib.suppress(EOFError, OSError):  # the archipelago has ended
         while True:
             method, calls = line.recv()
+            answer: tuple[str, Any]
             try:
                 answer = "done", host.call(method, calls)
             except EcologyError as error:

@@ -36,7 +36,7 @@ def join(address: str) -> Any:
     said: list[str] = []
     try:
         with contextlib.nullcontext() if address == "local" else _errors_of_ray(said):
-            ray.init(None if address == "local" else address, log_to_driver=False, logging_level="error")
+            ray.init(None if address == "local" else address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         told = str(error).strip().partition("\n")[0]
         if isinstance(error, getattr(ray.exceptions, "AuthenticationError", ())) or any(

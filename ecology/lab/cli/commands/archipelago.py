@@ -85,7 +85,7 @@ def command(
     trust: Trust = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run an archipelago: islands side by side, migration, a common mating pool, one recording per island and of all."""
+    """Run an archipelago: islands side by side that exchange agents, with one recording per island and one of all."""
     from ecology.lab.islands import run as islands
     from ecology.lab.runs.folder import lock
     from ecology.lab.runs.gate import Gate
@@ -169,8 +169,8 @@ def _print(it: ArchipelagoRun, summary: dict[str, Any]) -> None:
         passed = f"{summary['generations']:,} generations" + (f"; {passed}" if it.voyage.world.migrations else "")
     print(
         f"{summary['ticks']:,} ticks on {len(summary['islands'])} islands in {summary['wall_seconds']:,.1f} s, "
-        f"{summary['agent_steps_per_second']:,.0f} agent-steps per second, {summary['exchange_share']:.1%} of the time in "
-        f"exchanges; {passed}"
+        f"{summary['agent_steps_per_second']:,.0f} agent-steps per second, {summary['exchange_share']:.1%} of the time "
+        f"in exchanges; {passed}"
     )
     for i, island in enumerate(summary["islands"]):
         if i == 8:

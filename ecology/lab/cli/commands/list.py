@@ -9,13 +9,14 @@ ORDER = 1
 
 
 def command() -> None:
-    """List the scenarios and the learners, one line each."""
+    """List the scenarios, the archipelagos and the learners, one line each."""
     from ecology import agents, scenarios
 
     learners = {name: line for name, (_, _, _, line) in agents.LEARNERS.items()}
     worlds = {name: _first_line(scenarios.HERE / f"{name}.py") for name in scenarios.names()}
-    width = max(map(len, [*worlds, *learners]))
-    for title, lines in (("scenarios", worlds), ("learners", learners)):
+    archipelagos = {name: _first_line(scenarios.ARCHIPELAGOS / f"{name}.py") for name in scenarios.archipelago_names()}
+    width = max(map(len, [*worlds, *archipelagos, *learners]))
+    for title, lines in (("scenarios", worlds), ("archipelagos", archipelagos), ("learners", learners)):
         print(title)
         for name, line in lines.items():
             print(f"  {name:<{width}}  {line}")
