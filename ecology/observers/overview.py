@@ -57,9 +57,7 @@ class Overview:
 
     def _open(self) -> None:
         lines = [self._placed(i, line) for i, world in enumerate(self._worlds) for line in drawn_lines(world.arena)]
-        self._rec.log(
-            "world/arenas", rr.LineStrips2D(lines, colors=[INK], radii=rr.Radius.ui_points(0.7)), static=True
-        )
+        self._rec.log("world/arenas", rr.LineStrips2D(lines, colors=[INK], radii=rr.Radius.ui_points(0.7)), static=True)
         if len(self._worlds) <= LABELLED:
             places = [self._corner(i) - (0.0, 0.07) for i in range(len(self._worlds))]
             words = [str(i) for i in range(len(self._worlds))]

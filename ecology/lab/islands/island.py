@@ -22,6 +22,7 @@ from ecology.lab.runs.run_config import Plan, read_config
 from ecology.lab.runs.run_config import resolve as resolve_run
 from ecology.observers.base import Observer
 
+PATIENCE = 60.0  # seconds for which an island waits for the host that held it to end
 SHOWN = 2_000  # agents of an island whose places are told, at most
 Arrays = Mapping[str, np.ndarray]
 
@@ -119,7 +120,7 @@ class IslandRun:
         observers = list(self._observers(resume=resume))
         if start:
             self.run.start()
-        self._stack.enter_context(lock(self.folder))
+        self._stack.enter_context(lock(self.folder, PATIENCE))
         self._stack.enter_context(self.run.under_way(observers))
 
     def _observers(self, *, resume: bool) -> Iterator[Observer]:
