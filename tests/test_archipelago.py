@@ -1,4 +1,4 @@
-"""Archipelagos: bit for bit the same wherever islands live, agents that take all along, and pools with known answers."""
+"""Archipelagos: the same bits wherever islands live, migrants that take all along, pools with known answers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,16 +55,19 @@ class Here:
     def __init__(self, folder: Path, lost_at: int = -1) -> None:
         self.host, self.calls, self.lost_at = Host(str(folder)), 0, lost_at
 
-    def send(self, method, calls):
+    def send(self, method: str, calls: Any) -> None:
+        """Keep what is called."""
         self.calls += 1
         self.sent = method, calls
 
-    def answer(self):
+    def answer(self) -> Any:
+        """Do it, or be lost."""
         if self.calls == self.lost_at:
             raise LostError
         return self.host.call(*self.sent)
 
-    def close(self):
+    def close(self) -> None:
+        """Let go of the folders."""
         for island in self.host._islands.values():
             island._stack.close()
 
@@ -396,7 +400,7 @@ def test_what_is_no_archipelago_is_refused(build: Callable[[], object], says: st
 
 
 def test_worlds_that_do_not_fit_are_refused(isles: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Unknown species, other learners, one world for an archipelago and the reverse, and an island alone: exit code 2."""
+    """Unknown species, other learners, a world in the place of an archipelago, an island alone: exit code 2."""
     bad = tmp_path / "bad.py"
     for change, says in (
         (('species="agent"', 'species="agnet"'), "Did you mean 'agent'"),

@@ -98,16 +98,18 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
     return attempt, count
 
 
-def gpus_per_run(ray: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
-    """Return the GPUs that a run takes of a Ray cluster; EcologyError where the options contradict each other."""
+def gpus_per_run(elsewhere: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
+    """Return the GPUs that a run takes of a cluster `elsewhere`; EcologyError where options contradict each other."""
     for option, value in (("--gpus-per-run", gpus), ("--memory-per-run", memory)):
-        if ray is None and value is not None:
-            raise EcologyError(f"{option} requires --ray; give --ray local to share out this machine, or drop it.")
+        if elsewhere is None and value is not None:
+            raise EcologyError(
+                f"{option} requires --ray or --slurm; give --ray local to share out this machine, or drop it."
+            )
         if value is not None and not math.isfinite(value):
             raise EcologyError(f"{option} is a finite number, got {value!r}.")
     on_gpu = device is not None and device.startswith("cuda")
-    if ray is not None and on_gpu and device != "cuda":
-        raise EcologyError(f"Ray chooses the GPU of every run: give --device cuda with --ray, not {device}.")
+    if elsewhere is not None and on_gpu and device != "cuda":
+        raise EcologyError(f"the cluster chooses the GPU of every run: give --device cuda with it, not {device}.")
     if on_gpu and gpus == 0:
         raise EcologyError("--device cuda needs a GPU, or a part of one: give --gpus-per-run above 0, or drop it.")
     if gpus is not None and gpus > 1 and gpus != int(gpus):
