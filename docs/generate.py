@@ -155,6 +155,12 @@ def components() -> str:
     return "\n".join(parts)
 
 
+def archipelago_table() -> str:
+    """Return the parts of an archipelago, each with its fields."""
+    parts = (ecology.Archipelago, ecology.Island, ecology.Migration, ecology.Pool)
+    return "\n".join(f"### `{cls.__name__}`\n\n{prose(cls.__doc__)}\n{field_table(cls)}" for cls in parts)
+
+
 def state() -> str:
     """Return the fields of the state as a table."""
     return field_table(ecology.State)
@@ -371,6 +377,7 @@ def default(param: Any) -> str:
 # ---- pages -----------------------------------------------------------------------------------
 
 PARTS: dict[str, Callable[[], str]] = {
+    "archipelago": archipelago_table,
     "components": components,
     "state": state,
     "learners": learners,
