@@ -1,8 +1,8 @@
 """Print a digest of whole lives, learners included: the same on every processor.
 
-`python same_life.py [LIFE ...]` prints those of short lives, or of the ones that are named. `python same_life.py --long`
-lives the long ones as different processors would, each in a fresh Python, and compares with `same_life.json`; it takes
-about half an hour on two free cores, most of it compiling. `--long VARIANT ...` lives under some of the variants.
+`python same_life.py [LIFE ...]` prints those of short lives, or of the ones that are named. With `--long` it lives the
+long ones as different processors would, each in a fresh Python, and compares with `same_life.json`; it takes about half
+an hour on two free cores, most of it compiling. `--long VARIANT ...` lives under some of the variants.
 """
 
 import json
