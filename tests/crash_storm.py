@@ -2,8 +2,8 @@
 
 `python crash_storm.py [KILLS] [FOLDER] [SEED]` (`make storm`): KILLS over four scenarios, 200 by default. A run lives
 in a process that is forked from this one, which has everything loaded, and is ended by SIGKILL after a time drawn
-between 0 and what the run left alone took. A run that is killed is resumed; one that comes to its end is compared, and
-another is begun. Compared are the last checkpoint, the metrics, and for every entity of the recording the ticks that it has.
+between 0 and what the run left alone took. A run that is killed is resumed; one that comes to its end is compared,
+and another is begun. Compared are the last checkpoint, the metrics, and the ticks of every entity of the recording.
 """
 
 from __future__ import annotations
