@@ -121,6 +121,7 @@ def test_only_the_viewer_imports_rerun():
     """The viewer stays behind those who record, draw, and look back; what they draw is plain data."""
     found = set().union(*(importing("rerun", package) for package in PACKAGES))
     names = ("rerun", "recording_file", "relay", "drawing", "backdrop", "layout", "readback", "screenshot", "hindsight")
+    names = (*names, "overview")
     assert found == {f"ecology/observers/{name}.py" for name in names}
 
 

@@ -138,3 +138,15 @@ LEAN: Mapping[str, Any] = {
     "depth": 1,
     "errors": 0,
 }
+
+
+# for ten thousand minds in one world: a small memory that samples the whole life, and as `lean` takes few gradient steps,
+# a learning rate that falls ten times later; without optimism, which few steps do not unlearn. See docs/performance.md
+CROWD: Mapping[str, Any] = {
+    **LEAN,
+    "memory": 2000,
+    "reservoir": True,
+    "update_every": 4.0,
+    "settling": 40_000.0,
+    "optimism": 0.0,
+}
