@@ -140,8 +140,8 @@ LEAN: Mapping[str, Any] = {
 }
 
 
-# for ten thousand minds in one world: a small memory that samples the whole life, and as `lean` takes few gradient steps,
-# a learning rate that falls ten times later; without optimism, which few steps do not unlearn. See docs/performance.md
+# for ten thousand minds in one world: a small memory that samples the whole life; since it takes few gradient steps, a
+# learning rate that falls ten times later, and no optimism, which few steps do not unlearn. See docs/performance.md
 CROWD: Mapping[str, Any] = {
     **LEAN,
     "memory": 2000,
