@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 RUN := runs/paper-0
 
-.PHONY: install paper test fuzz long browser check golden docs notebooks
+.PHONY: install paper test fuzz long storm lives browser check golden docs notebooks
 
 install: $(INSTALLED)
 
@@ -36,6 +36,14 @@ fuzz: install
 # a recorded life of a million ticks: memory, names, accounts; half an hour to an hour
 long: install
 	ECOLOGY_LONG=1000000 $(BIN)/pytest $(PYTEST_FLAGS) -s tests/test_long_life.py
+
+# runs killed 200 times at random moments over four scenarios, all of which must end as if nothing had happened
+storm: install
+	cd tests && ../$(BIN)/python crash_storm.py 200 ../runs/storm
+
+# long lives, lived as other processors would, against the digests in the repository; about half an hour
+lives: install
+	$(BIN)/python tests/same_life.py --long
 
 # what every world does, written anew where it has changed: look at the difference before it is kept
 golden: install

@@ -50,6 +50,12 @@ LEARNERS: Mapping[str, tuple[str, str, str | None, str]] = {
         None,
         "hjb that infers what others feel from signs it knows of itself",
     ),
+    "crowd": (
+        "ecology.agents.hjb",
+        "HJB",
+        "CROWD",
+        "hjb with a small memory and little work per agent, for thousands of agents",
+    ),
     "random": ("ecology.agents.baselines", "Random", None, "every open action with the same probability"),
     "rest": ("ecology.agents.baselines", "Rest", None, "does nothing for as long as its body lets it"),
     "greedy": ("ecology.agents.baselines", "Greedy", None, "the least predicted drive one tick ahead"),

@@ -171,6 +171,27 @@ class Learner(ABC):
         """Return the best that the agent in `slot` saw ahead when it decided, None where it does not look ahead."""
         return None
 
+    def pack(self, slots: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Return all that the agents in `slots` (k,) have become, rows (k, ...) by name, for `unpack` elsewhere.
+
+        Those are the rows of every array of `state` that has a row per slot.
+        """
+        arrays, _ = self.state()
+        return {name: array[slots].copy() for name, array in arrays.items() if len(array) == self.size}
+
+    def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
+        """Let the agents in `slots` (k,) be those that another learner of this kind has packed."""
+        arrays, values = self.state()
+        if packed.keys() != {name for name, array in arrays.items() if len(array) == self.size}:
+            raise EcologyError(
+                f"the learner {type(self).__name__} cannot take in {sorted(packed)}; islands between which a species "
+                "migrates need the same learner."
+            )
+        arrays = {name: array.copy() for name, array in arrays.items()}
+        for name, rows in packed.items():
+            arrays[name][slots] = rows
+        self.restore(arrays, values)
+
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the learner has become: arrays, and plain values that JSON holds."""
         return {}, {"rng": self.rng.bit_generator.state}

@@ -155,6 +155,12 @@ def components() -> str:
     return "\n".join(parts)
 
 
+def archipelago_table() -> str:
+    """Return the parts of an archipelago, each with its fields."""
+    parts = (ecology.Archipelago, ecology.Island, ecology.Migration, ecology.Pool)
+    return "\n".join(f"### `{cls.__name__}`\n\n{prose(cls.__doc__)}\n{field_table(cls)}" for cls in parts)
+
+
 def state() -> str:
     """Return the fields of the state as a table."""
     return field_table(ecology.State)
@@ -170,7 +176,7 @@ def learners() -> str:
 
 def learner_settings() -> str:
     """Return the settings of f and J with the values of each preset; empty where it is that of `hjb`."""
-    presets = {name: agents.settings(name) for name in ("hjb", "algorithm1", "lean")}
+    presets = {name: agents.settings(name) for name in ("hjb", "algorithm1", "lean", "crowd")}
     rows = []
     for field in fields_of(hjb.HJBSettings):
         values = [preset[field.name] for preset in presets.values()]
@@ -181,7 +187,7 @@ def learner_settings() -> str:
 
 def baseline_settings() -> str:
     """Return the settings of the other learners."""
-    others = [name for name in agents.LEARNERS if name not in ("hjb", "algorithm1", "lean")]
+    others = [name for name in agents.LEARNERS if name not in ("hjb", "algorithm1", "lean", "crowd")]
     rows = ((code(name), ", ".join(f"`{key}={value!r}`" for key, value in agents.settings(name).items()) or "none")
             for name in others)  # fmt: skip
     return table(("learner", "settings with their defaults"), rows)
@@ -371,6 +377,7 @@ def default(param: Any) -> str:
 # ---- pages -----------------------------------------------------------------------------------
 
 PARTS: dict[str, Callable[[], str]] = {
+    "archipelago": archipelago_table,
     "components": components,
     "state": state,
     "learners": learners,

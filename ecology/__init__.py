@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ecology.archipelago import Archipelago, Island, Migration, Pool
     from ecology.env import Ecology, parallel_env
     from ecology.errors import EcologyError
     from ecology.meetings import Outcome, World
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Action",
     "Adaptation",
+    "Archipelago",
     "Arena",
     "Birth",
     "Crowding",
@@ -82,10 +84,13 @@ __all__ = [
     "GymEnv",
     "Hazard",
     "Hearing",
+    "Island",
+    "Migration",
     "Need",
     "Neighbours",
     "Oscillation",
     "Outcome",
+    "Pool",
     "Rays",
     "Relocation",
     "Remains",
@@ -122,11 +127,15 @@ __version__ = "0.2.0.dev0"
 
 # name -> module, of all others ecology.spec; loaded at the first use, so that what needs no world starts at once
 _HOMES = {
+    "Archipelago": "archipelago",
     "Ecology": "env",
     "EcologyError": "errors",
     "Group": "model",
     "GymEnv": "single",
+    "Island": "archipelago",
+    "Migration": "archipelago",
     "Outcome": "meetings",
+    "Pool": "archipelago",
     "Scenario": "scenario",
     "State": "state",
     "Steered": "steering",

@@ -56,7 +56,7 @@ def rename(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
             "that start in it. Raise the count of their species.",
         )
         changed["serial"] = state.serial.copy()
-        changed["serial"][new] = state.next_serial + np.arange(len(new))
+        changed["serial"][new] = model.serials(state, len(new))
     if "cause" not in changed:
         changed["cause"] = np.where(alive, 0, np.where(state.alive, CAUSES.index("rule"), state.cause))
     for name in ("fatal_need", "killer"):

@@ -11,6 +11,7 @@ import numpy as np
 from pettingzoo import ParallelEnv
 
 from ecology.errors import EcologyError, nearest
+from ecology.migration import Bodies
 from ecology.model import Group, compile_model
 from ecology.scenario import Scenario
 from ecology.schedule import Timetable, carry_out
@@ -179,6 +180,29 @@ class Ecology(ParallelEnv):
         Raises EcologyError where every slot of the species is taken or the place lies outside the arena.
         """
         return self.world.settle(species, place, heading)
+
+    def take_out(self, slots: Ints) -> tuple[Tick, Bodies]:
+        """Let the agents in `slots` (k,), of one species, leave between ticks; return the Tick and their bodies.
+
+        Their slots are then as if nobody had lived there. `bring_in` of another world takes the bodies.
+        """
+        return self.world.take_out(slots)
+
+    def bring_in(self, species: str, bodies: Bodies, rng: np.random.Generator) -> tuple[Tick, Ints]:
+        """Let agents that left another world arrive between ticks; return what is perceived, and their slots (k,).
+
+        They keep their serial, age, needs and traits, and start where agents of the species start at birth. Worlds that
+        exchange agents need serials of their own: `Scenario.numbering`. Raises EcologyError, the world being unchanged,
+        where slots are missing or the species is another one.
+        """
+        return self.world.bring_in(species, bodies, rng)
+
+    def breed(self, species: str, parents: Ints, traits: Floats | None, rng: np.random.Generator) -> tuple[Tick, Ints]:
+        """Let newborns start between ticks, with the serials of their `parents` (k,) and with `traits` (k, T).
+
+        Returns what is perceived, and their slots (k,). Raises EcologyError where slots are missing.
+        """
+        return self.world.breed(species, parents, traits, rng)
 
     def reweigh(self, species: str, factor: float) -> Tick:
         """Multiply what `species` feels of others by `factor` from now on, 0 for nothing; return what is perceived now.

@@ -120,8 +120,8 @@ def start_lives(model: Model, state: State, new: Ints, position: Floats, heading
     if state.set_point is not None:
         state.own("set_point")
         state.set_point[new] = setpoints.at_birth(model, model.body.set_point, state.time)[new]
-    state.serial[new] = state.next_serial + np.arange(len(new))
-    state.next_serial += len(new)
+    state.serial[new] = model.serials(state, len(new))
+    state.next_serial = int(state.serial[new[-1]]) + 1
     state.alive[new], state.age[new], state.cause[new], state.parent[new] = True, 0.0, 0, -1
     state.fatal_need[new], state.killer[new] = -1, -1
     state.position[new], state.heading[new] = position, wrap(heading)

@@ -132,11 +132,21 @@ class Model:
 
     def founders(self) -> list[tuple[Species, range]]:
         """Return every species and the serials of its agents at the start."""
-        found, start = [], 0
+        found = []
+        start, step = self.scenario.numbering
         for s in self.scenario.species:
-            found.append((s, range(start, start + s.count)))
-            start += s.count
+            found.append((s, range(start, start + step * s.count, step)))
+            start += step * s.count
         return found
+
+    def serials(self, state: State, count: int) -> Ints:
+        """Return the serials of the next `count` agents, (count,).
+
+        They are those of this world alone, whatever its islands (`Scenario.numbering`), and greater than any that lived
+        here: agents that arrived from elsewhere count.
+        """
+        first, step = self.scenario.numbering
+        return state.next_serial + (first - state.next_serial) % step + step * np.arange(count)
 
     def like(self, other: Model) -> str:
         """Return in words where another model needs a state or senses of another shape, "" where it needs none."""

@@ -61,6 +61,7 @@ class Scenario:
     sample_every: int | None = None  # ticks between two samples of a run that is recorded; the usual number for None
     until_extinct: bool = False  # whether a run ends when nobody lives any more
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
+    numbering: tuple[int, int] = (0, 1)  # first serial and step between serials: islands share the numbers
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -78,6 +79,8 @@ class Scenario:
             self.sample_every is None or self.sample_every > 0,
             f"{owner}: sample_every must be a whole number of ticks of at least 1, got {self.sample_every!r}.",
         )
+        first, step = self.numbering
+        require(0 <= first < step, f"{owner}: numbering is (first, step), 0 <= first < step, got {self.numbering!r}.")
         require(self.day is None or self.day > 0, f"{owner}: day must be a positive length, got {self.day!r}.")
         for what, names in (
             ("species", [species.name for species in self.species]),

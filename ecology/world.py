@@ -21,6 +21,7 @@ from ecology import (
     heredity,
     life,
     meetings,
+    migration,
     neighbours,
     physiology,
     powers,
@@ -313,6 +314,27 @@ class ArrayWorld:
         self._touch(state)
         return self._resume(state), int(new[0])
 
+    def take_out(self, slots: Ints) -> tuple[Tick, migration.Bodies]:
+        """Let the agents in `slots` leave between ticks, see `Ecology.take_out`."""
+        state = self.state.next()
+        bodies = migration.take_out(state, slots)
+        self._touch(state)
+        return self._resume(state), bodies
+
+    def bring_in(self, species: str, bodies: migration.Bodies, rng: np.random.Generator) -> tuple[Tick, Ints]:
+        """Let agents of another world arrive between ticks, see `Ecology.bring_in`."""
+        state = self.state.next()
+        slots = migration.bring_in(self.model, state, species, bodies, rng)
+        self._touch(state)
+        return self._resume(state), slots
+
+    def breed(self, species: str, parents: Ints, traits: Floats | None, rng: np.random.Generator) -> tuple[Tick, Ints]:
+        """Let newborns of parents elsewhere start between ticks, see `Ecology.breed`."""
+        state = self.state.next()
+        slots = migration.breed(self.model, state, species, parents, traits, rng)
+        self._touch(state)
+        return self._resume(state), slots
+
     def reweigh(self, species: str, factor: float) -> Tick:
         """Multiply what `species` feels of others by `factor`, see `Ecology.reweigh`."""
         model = self.model
@@ -452,7 +474,7 @@ def _first_state(model: Model, rng: Mapping[str, np.random.Generator]) -> State:
     state = State(
         tick=0,
         time=0.0,
-        next_serial=int(np.count_nonzero(alive)),
+        next_serial=int(serial.max(initial=-1)) + 1,
         alive=alive,
         serial=serial,
         parent=np.full(n, -1),

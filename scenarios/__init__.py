@@ -23,9 +23,10 @@ from ecology.errors import EcologyError, describe_refusal, nearest
 from ecology.typed import plain
 
 if TYPE_CHECKING:
-    from ecology import GymEnv, Scenario
+    from ecology import Archipelago, GymEnv, Scenario
 
 HERE = Path(__file__).parent
+ARCHIPELAGOS = HERE / "archipelagos"
 faults.HOUSE.add(str(HERE))
 EPISODE = 1000  # ticks after which a Gymnasium episode of a scenario is truncated, unless told otherwise
 
@@ -33,6 +34,16 @@ EPISODE = 1000  # ticks after which a Gymnasium episode of a scenario is truncat
 def names() -> list[str]:
     """Return the names of the scenarios that ship, sorted."""
     return sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
+
+
+def archipelago_names() -> list[str]:
+    """Return the names of the archipelagos that ship, sorted."""
+    return sorted(path.stem for path in ARCHIPELAGOS.glob("*.py") if not path.stem.startswith("_"))
+
+
+def archipelago_file(name: str) -> str:
+    """Return the path of the archipelago `name`, where one of that name ships; else `name`, the path of another."""
+    return str(ARCHIPELAGOS / f"{name}.py") if name in archipelago_names() else name
 
 
 def module(name: str) -> ModuleType:
@@ -43,8 +54,8 @@ def module(name: str) -> ModuleType:
     """
     path = _path_of(name)
     try:
-        is_shipped = path.resolve().parent == HERE.resolve() and path.stem in names()
-        loaded = importlib.import_module(f"{__name__}.{path.stem}") if is_shipped else _load_file(path)
+        within = _package_of(path.resolve())
+        loaded = _load_file(path) if within is None else importlib.import_module(f"{within}.{path.stem}")
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:
@@ -54,6 +65,15 @@ def module(name: str) -> ModuleType:
             f"the scenario file {str(path)!r} must define a function `build` that returns an ecology.Scenario."
         )
     return loaded
+
+
+def _package_of(path: Path) -> str | None:
+    """Return the package of a file that ships as a scenario or an archipelago; None of other files."""
+    if path.parent == HERE.resolve() and path.stem in names():
+        return __name__
+    if path.parent == ARCHIPELAGOS.resolve() and path.stem in archipelago_names():
+        return f"{__name__}.archipelagos"
+    return None
 
 
 def _path_of(name: str) -> Path:
@@ -71,8 +91,11 @@ def _path_of(name: str) -> Path:
         return path
     if name in names():
         return HERE / f"{name}.py"
+    if name in archipelago_names():
+        return ARCHIPELAGOS / f"{name}.py"
     beside = f"{name}.py"
-    meant = f"Did you mean the file {beside!r}?" if os.path.isfile(beside) else nearest(name, names())
+    known = [*names(), *archipelago_names()]
+    meant = f"Did you mean the file {beside!r}?" if os.path.isfile(beside) else nearest(name, known)
     raise EcologyError(
         f"there is no scenario {name!r}. {meant} A file of your own is given by its path, ending in .py."
     )
@@ -133,22 +156,45 @@ def settings(name: str) -> dict[str, Any]:
 
 def load(name: str, /, **changes: Any) -> Scenario:
     """Return the scenario `name` (or the file at that path) with `changes` to its settings."""
-    from ecology.scenario import Scenario  # slow to load
+    from ecology.archipelago import Archipelago  # slow to load
+    from ecology.scenario import Scenario
 
+    built = _built(name, changes)
+    if isinstance(built, Archipelago):
+        raise EcologyError(f"{name!r} is an archipelago, and not one world; run it with: ecology archipelago {name}")
+    if not isinstance(built, Scenario):
+        raise EcologyError(
+            f"`build` of the scenario {name!r} must return an ecology.Scenario, got {type(built).__name__}."
+        )
+    return built
+
+
+def load_archipelago(name: str, /, **changes: Any) -> Archipelago:
+    """Return the archipelago `name` (or of the file at that path) with `changes` to its settings."""
+    from ecology.archipelago import Archipelago  # slow to load
+
+    built = _built(archipelago_file(name), changes)
+    if not isinstance(built, Archipelago):
+        raise EcologyError(
+            f"`build` of the archipelago {name!r} must return an ecology.Archipelago, got {type(built).__name__}; one "
+            f"world is run with: ecology run {name}"
+        )
+    return built
+
+
+def _built(name: str, changes: Mapping[str, Any]) -> Any:
+    """Return what `build` of a file returns, with the settings as they were resolved."""
     build = module(name).build
     defaults = _defaults(name, build)
     resolved = {**defaults, **_checked(name, defaults, changes)}
     try:
-        scenario = build(**resolved)
+        built = build(**resolved)
     except EcologyError:
         raise
     except (Exception, SystemExit) as error:
         raise faults.wrap(f"the scenario {name!r} cannot be built with {changes}", error) from error
-    if not isinstance(scenario, Scenario):
-        raise EcologyError(
-            f"`build` of the scenario {name!r} must return an ecology.Scenario, got {type(scenario).__name__}."
-        )
-    return dataclasses.replace(scenario, settings=resolved)
+    has_settings = dataclasses.is_dataclass(built) and hasattr(built, "settings") and not isinstance(built, type)
+    return dataclasses.replace(built, settings=resolved) if has_settings else built
 
 
 def _defaults(name: str, build: Callable[..., Any]) -> dict[str, Any]:
@@ -194,6 +240,7 @@ def make_gym(name: str, *, horizon: int | None = None, render_mode: str | None =
 
 def _register() -> None:
     """Register every scenario that ships with Gymnasium, as "ecology/NAME-v0"; `make` loads it."""
+    faults.SHIPPED.update(map(str, ARCHIPELAGOS.glob("*.py")))
     for name in names():
         faults.SHIPPED.add(str(HERE / f"{name}.py"))
         id_ = f"ecology/{name}-v0"

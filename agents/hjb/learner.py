@@ -352,11 +352,13 @@ class HJB(Learner):
         """
         way, after = self.execution, observations[slots]
         took = way.elapsed[slots] * self.group.dt
+        self._spare(slots)
         self.memory.add(slots, way.began[slots], way.movement[slots], after, took, way.was_open[slots])
         if not self.settings.intra_option:
             return
         passed, some, same = way.passed(slots, self.rng.random(self.size)[slots])
         slots, passed = slots[some], passed[some]
+        self._spare(slots)
         self.memory.add(
             slots,
             way.trail[slots, passed],
@@ -365,6 +367,11 @@ class HJB(Learner):
             took[some] - passed * self.group.dt,
             way.trail_open[slots, passed],
         )
+
+    def _spare(self, slots: np.ndarray) -> None:
+        """Let old decisions of `slots` outlive newer ones, where the memory is a sample of the whole life."""
+        if self.settings.reservoir:
+            self.memory.spare(slots, self.rng.random(self.size)[slots], self.settings.recent)
 
     def learn(self, transition: Transition) -> None:
         """Take in one tick; at fixed intervals take a gradient step on L_f and L_J for all agents."""
@@ -438,6 +445,31 @@ class HJB(Learner):
         for name in ("zeta", "after", "duration", "movement", "open"):
             found[f"memory.{name}"] = getattr(self.memory, name)
         return found
+
+    def pack(self, slots: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Return all that the agents in `slots` (k,) have become, of their memories only what is filled."""
+        rows = self.device.on(slots)
+        used = min(int(self.memory.count[slots].max(initial=0)), self.memory.capacity)
+        found = {name: array[slots] for name, array in self._life().items()}
+        for name, array in self._held().items():
+            part = array[rows][:, :used] if name.startswith("memory.") else array[rows]
+            found[name] = np.array(self.device.off(part))
+        return found
+
+    def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
+        """Let the agents in `slots` (k,) be those that another learner with these settings has packed."""
+        self.record.forget(slots)
+        held, life, rows = self._held(), self._life(), self.device.on(slots)
+        if packed.keys() != held.keys() | life.keys():
+            raise EcologyError("what arrives is of another learner; islands of a migrating species need the same one.")
+        for name, array in life.items():
+            array[slots] = packed[name]
+        for name, array in held.items():
+            if name.startswith("memory."):
+                array[rows, : packed[name].shape[1]] = self.device.on(packed[name])
+            else:
+                array[rows] = self.device.on(packed[name])
+        self.explores[slots] = -1
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the agents have become: arrays, and plain values that JSON holds."""

@@ -38,6 +38,7 @@ class HJBSettings:
     recent_share: float = 0.4  # share of a batch that comes from the last `recent` decisions
     recent: int = 300  # decisions that count as recent
     memory: int = 12_000  # decisions in the replay buffer
+    reservoir: bool = False  # a full memory keeps a sample of the whole life besides the recent decisions (Vitter 1985)
     update_every: float = 1.0  # units of time between updates
     updates: int = 3  # gradient steps on L_f and L_J per update
     warm_up: int = 16  # decisions before the first update
@@ -136,4 +137,16 @@ LEAN: Mapping[str, Any] = {
     "updates": 1,
     "depth": 1,
     "errors": 0,
+}
+
+
+# for ten thousand minds in one world: a small memory that samples the whole life; since it takes few gradient steps, a
+# learning rate that falls ten times later, and no optimism, which few steps do not unlearn. See docs/performance.md
+CROWD: Mapping[str, Any] = {
+    **LEAN,
+    "memory": 2000,
+    "reservoir": True,
+    "update_every": 4.0,
+    "settling": 40_000.0,
+    "optimism": 0.0,
 }

@@ -12,8 +12,9 @@ import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from ecology.errors import EcologyError
 from ecology.lab.runs.sweep import Attempt, Cell, in_own_process
@@ -22,12 +23,8 @@ KNOCK = 10.0  # seconds for which a Ray cluster may take to accept a connection
 AHEAD = 16  # runs that wait at a Ray cluster beyond what it holds now: an autoscaler adds nodes for them
 
 
-def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
-    """Return how to run on a Ray cluster ("local" starts one on this machine), and how many runs to start now.
-
-    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
-    nodes that join later are used.
-    """
+def join(address: str) -> Any:
+    """Join a Ray cluster ("local" starts one on this machine), and return the package; EcologyError where it cannot."""
     try:
         import ray
     except ImportError as error:
@@ -39,7 +36,7 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
     said: list[str] = []
     try:
         with contextlib.nullcontext() if address == "local" else _errors_of_ray(said):
-            ray.init(None if address == "local" else address, log_to_driver=False, logging_level="error")
+            ray.init(None if address == "local" else address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         told = str(error).strip().partition("\n")[0]
         if isinstance(error, getattr(ray.exceptions, "AuthenticationError", ())) or any(
@@ -51,6 +48,22 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
         else:
             advice = f"check that Ray {ray.__version__} runs there, with Python {platform.python_version()} as here"
         raise EcologyError(f"--ray {address!r}: Ray cannot join a cluster ({told}); {advice}.") from error
+    return ray
+
+
+def capacity(ray: Any, needs: Mapping[str, float]) -> int:
+    """Return how many runs with these `needs` fit on the nodes that a cluster has now."""
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    return sum(min(int(node.get(key, 0.0) / need + 1e-9) for key, need in needs.items() if need) for node in nodes)
+
+
+def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
+    """Return how to run on a Ray cluster ("local" starts one on this machine), and how many runs to start now.
+
+    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
+    nodes that join later are used.
+    """
+    ray = join(address)
     needs = {"CPU": 1.0, "GPU": gpus, "memory": memory * 2**30}
     task = ray.remote(num_cpus=1, num_gpus=gpus, memory=int(needs["memory"]), max_retries=0)(_in_worker)
 
@@ -64,11 +77,7 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
         except ray.exceptions.RayError as error:
             return -1, str(error).strip().partition("\n")[0]
 
-    def capacity() -> int:
-        nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
-        return sum(min(int(node.get(key, 0.0) / need + 1e-9) for key, need in needs.items() if need) for node in nodes)
-
-    if not capacity():
+    if not capacity(ray, needs):
         wanted = f"1 CPU, {gpus:g} GPUs and {memory:g} GiB of memory for a run"
         if address == "local":
             has = ray.cluster_resources()
@@ -83,22 +92,24 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
 
     def count() -> int:
         with contextlib.suppress(OSError, RuntimeError, ray.exceptions.RayError):  # of a cluster that is lost runs tell
-            known[0] = capacity()
+            known[0] = capacity(ray, needs)
         return known[0] + AHEAD
 
     return attempt, count
 
 
-def gpus_per_run(ray: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
-    """Return the GPUs that a run takes of a Ray cluster; EcologyError where the options contradict each other."""
+def gpus_per_run(elsewhere: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
+    """Return the GPUs that a run takes of a cluster `elsewhere`; EcologyError where options contradict each other."""
     for option, value in (("--gpus-per-run", gpus), ("--memory-per-run", memory)):
-        if ray is None and value is not None:
-            raise EcologyError(f"{option} requires --ray; give --ray local to share out this machine, or drop it.")
+        if elsewhere is None and value is not None:
+            raise EcologyError(
+                f"{option} requires --ray or --slurm; give --ray local to share out this machine, or drop it."
+            )
         if value is not None and not math.isfinite(value):
             raise EcologyError(f"{option} is a finite number, got {value!r}.")
     on_gpu = device is not None and device.startswith("cuda")
-    if ray is not None and on_gpu and device != "cuda":
-        raise EcologyError(f"Ray chooses the GPU of every run: give --device cuda with --ray, not {device}.")
+    if elsewhere is not None and on_gpu and device != "cuda":
+        raise EcologyError(f"the cluster chooses the GPU of every run: give --device cuda with it, not {device}.")
     if on_gpu and gpus == 0:
         raise EcologyError("--device cuda needs a GPU, or a part of one: give --gpus-per-run above 0, or drop it.")
     if gpus is not None and gpus > 1 and gpus != int(gpus):

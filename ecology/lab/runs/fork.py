@@ -15,7 +15,7 @@ from ecology.changes import inside
 from ecology.errors import nearest
 from ecology.lab.runs.folder import CHECKPOINT, CONFIG, KEPT
 from ecology.lab.runs.run import Run
-from ecology.lab.runs.run_config import read_config, resolve
+from ecology.lab.runs.run_config import Plan, read_config, resolve
 from ecology.observers.base import Observer
 from ecology.spec import Oscillation
 from ecology.state import CAUSES, Ints
@@ -50,11 +50,7 @@ def fork(
     told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(changes), "remove": list(remove)}
     told["move"] = {name: list(place) for name, place in (move or {}).items()}
     told |= {"do": list(do)} if do else {}
-    if plan.ticks <= at:
-        raise EcologyError(f"a fork at tick {at} that lives to tick {plan.ticks} has no future; give more --ticks.")
-    forked = Run(dataclasses.replace(plan, forked=told), out)
-    forked.check_folder()
-    _check_changes(run.scenario, forked.scenario)
+    forked = _prepare(run, plan, out, told)
     go_to(run, at, observers)
     parts = run.parts()
     arrays, values = parts["world"]
@@ -62,13 +58,7 @@ def fork(
     gone = np.unique(np.array([model.slot_of(name, state) for name in remove], np.int64))
     parts["world"] = _changed(run.env, arrays, gone, move or {}), values
     forked.schedule.entries = list(run.schedule.entries[: run.schedule.done])
-    try:
-        forked.become(parts)
-    except Exception as error:
-        raise EcologyError(
-            f"the run cannot continue with these settings ({faults.describe(error)}). A fork changes numbers; "
-            "it cannot add or remove parts of the world or change the shape of a learner."
-        ) from error
+    _become(forked, parts)
     for species, learner in forked.learners.items():  # as if they had died in the last tick
         rows = forked.env.groups[species].slots
         mine = gone[(gone >= rows.start) & (gone < rows.stop)]
@@ -77,6 +67,37 @@ def fork(
     for text in do:
         forked.do(text)
     return forked
+
+
+def fork_from(run: Run, parts: dict[str, checkpoint.Part], plan: Plan, out: Path, told: Mapping[str, Any]) -> Run:
+    """Return a run to `out` as `plan` says, not yet begun, that goes on with the state `parts` of `run`."""
+    run.check_words(parts)
+    forked = _prepare(run, plan, out, told)
+    _become(forked, parts)
+    return forked
+
+
+def _prepare(run: Run, plan: Plan, out: Path, told: Mapping[str, Any]) -> Run:
+    """Return the run of a fork as it is built, once its plan fits `run`."""
+    if plan.ticks <= told["at"]:
+        raise EcologyError(
+            f"a fork at tick {told['at']} that lives to tick {plan.ticks} has no future; give more --ticks."
+        )
+    forked = Run(dataclasses.replace(plan, forked=dict(told)), out)
+    forked.check_folder()
+    _check_changes(run.scenario, forked.scenario)
+    return forked
+
+
+def _become(forked: Run, parts: dict[str, checkpoint.Part]) -> None:
+    """Let a fork become what `parts` hold."""
+    try:
+        forked.become(parts)
+    except Exception as error:
+        raise EcologyError(
+            f"the run cannot continue with these settings ({faults.describe(error)}). A fork changes numbers; "
+            "it cannot add or remove parts of the world or change the shape of a learner."
+        ) from error
 
 
 def go_to(run: Run, at: int, observers: Sequence[Observer]) -> None:

@@ -75,7 +75,7 @@ class Gate:
 
 def _is_shipped(name: str) -> bool:
     """Return whether a scenario or a learner is one of those that ship, by its name or its file."""
-    if name in scenarios.names() or name in agents.LEARNERS:
+    if name in scenarios.names() or name in scenarios.archipelago_names() or name in agents.LEARNERS:
         return True
     return source.is_file(name) and os.path.abspath(source.split(name)[0]) in faults.SHIPPED
 

@@ -123,9 +123,13 @@ class Run:
             replace_text(self.folder / CONFIG, text)
             self.schedule.write()
 
-    def restore(self, *, previous: bool = False) -> None:
-        """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit."""
-        where = self.folder / CHECKPOINT
+    def restore(self, kept: Path | None = None, *, previous: bool = False) -> None:
+        """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit.
+
+        From one that was `kept`, which need not be the last, the run then goes on as if nothing had come after it.
+        """
+        where = kept or self.folder / CHECKPOINT
+        self._resumed = kept is not None
         parts = checkpoint.read(where, previous=previous)
         damaged = f"the checkpoint {str(where)!r} is damaged or foreign"
         try:
@@ -205,11 +209,33 @@ class Run:
 
         Whoever takes the ticks may leave it there: another run lives on in the meantime.
         """
-        interrupt = self._interrupt = Interrupt()
-        watchers = (self.tally, *observers, interrupt)
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
-        text, stride = self.plan.to_toml(), 1 if self.scenario.until_extinct else stride
+        stride = 1 if self.scenario.until_extinct else stride
+        with self.under_way(observers):
+            yield self.now
+            while self.now < last and not self._is_extinct():
+                ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
+                few = ticks if stride is None else min(stride, ticks)
+                self.advance(few)
+                if few == ticks:
+                    self._keep(observers)
+                    if keep and self.now % keep == 0:
+                        self.save(self.folder / KEPT / str(self.now))
+                yield self.now
+            if self.twin is not None:
+                self.twin.finish()
+
+    def advance(self, ticks: int) -> None:
+        """Live `ticks` ticks of a run that is under way."""
+        watchers = (self.tally, *self._observers, self._interrupt)
+        self.tick = loop.advance(self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between)
+
+    @contextlib.contextmanager
+    def under_way(self, observers: Sequence[Observer]) -> Iterator[None]:
+        """Let `advance` be called: observers begin, and what is written is written at the end, whatever happens."""
+        interrupt = self._interrupt = Interrupt()
+        text = self.plan.to_toml()
         check_links(self.folder)
         with writable(self.folder, self._go_on), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
             at_end.enter_context(self._lives(observers))
@@ -229,24 +255,7 @@ class Run:
                 checkpoint.put_aside(self.folder / CHECKPOINT)
             at_end.callback(self._write_summary)
             try:
-                yield self.now
-                while self.now < last and not self._is_extinct():
-                    ticks = min(last - self.now, *(every - self.now % every for every in rhythms))
-                    if stride is not None and (rest := min(stride, ticks)) < ticks:
-                        self.tick = loop.advance(
-                            self.env, self.learners, self.tick, rest, watchers, time.process_time, self._between
-                        )
-                        yield self.now
-                        continue
-                    self.tick = loop.advance(
-                        self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between
-                    )
-                    self._keep(observers)
-                    if keep and self.now % keep == 0:
-                        self.save(self.folder / KEPT / str(self.now))
-                    yield self.now
-                if self.twin is not None:
-                    self.twin.finish()
+                yield
             except StoppedError as stopped:
                 self.stopped_by = str(stopped)
                 self._keep(observers)
@@ -288,11 +297,15 @@ class Run:
         option = f" --source {choice}" if choice and any(map(source.is_file, self.plan.code)) else ""
         return f"ecology run --resume {self.folder}{option}"
 
-    def _keep(self, observers: Sequence[Observer]) -> None:
+    def keep_at(self, where: Path | None = None) -> None:
+        """Write the checkpoint of a run that is under way, or one to `where`, and what is recorded up to it."""
+        self._keep(self._observers, where)
+
+    def _keep(self, observers: Sequence[Observer], where: Path | None = None) -> None:
         """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
         for observer in observers:
             getattr(observer, "flush", lambda: None)()
-        self.save()
+        self.save(where)
 
     # ---- between two ticks -----------------------------------------------------------------
 

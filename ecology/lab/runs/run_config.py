@@ -22,6 +22,7 @@ import tomli_w
 
 import ecology
 from ecology import EcologyError, Scenario, agents, scenarios
+from ecology.archipelago import as_island
 from ecology.errors import nearest
 from ecology.lab.runs import source
 from ecology.lab.runs.folder import CONFIG
@@ -56,6 +57,7 @@ class Plan:
     checkpoint_every: int = CHECKPOINT_EVERY  # ticks
     keep_every: int = 0  # ticks between two checkpoints that are kept for good; 0 keeps none
     forked: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # of which run, when, and what was changed
+    island: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # which of how many, and who migrates
     copies: Path | None = None  # folder to load the user's own code from, None: its place; not in the config
     world: Scenario | None = dataclasses.field(default=None, compare=False, repr=False)  # as loaded, not in the config
 
@@ -71,7 +73,7 @@ class Plan:
         changes, name = dict(self.settings), source.locate(self.scenario, self.copies)
         if "ticks" in scenarios.settings(name):
             changes["ticks"] = self.ticks
-        return source.with_origins(scenarios.load(name, **changes), self.copies)
+        return as_island(source.with_origins(scenarios.load(name, **changes), self.copies), self.island)
 
     def to_toml(self) -> str:
         """Return the text of config.toml."""
@@ -83,6 +85,7 @@ class Plan:
                 species: {"name": choice.name, "settings": choice.settings} for species, choice in self.learners.items()
             },
             **({"forked": self.forked} if self.forked else {}),
+            **({"island": self.island} if self.island else {}),
             "made_with": {
                 "world": world_digest(world),
                 "dt": float(world.dt),
@@ -108,7 +111,7 @@ PLAIN = {  # keys of config.toml that are not tables, and what they are
     "checkpoint_every": int,
     "keep_every": int,
 }
-TABLES = ("settings", "learners", "forked", "made_with")
+TABLES = ("settings", "learners", "forked", "island", "made_with")
 # fields that are younger than checkpoints, which know nothing of them: left out where they hold their default
 LATER: Mapping[str, Mapping[str, Any]] = {
     "Arena": {"holes": (), "doors": ()},
@@ -120,7 +123,7 @@ LATER: Mapping[str, Mapping[str, Any]] = {
         "sessions": (),
         "memory": {},
         "fields": (),
-        **{"props": None, "sample_every": None, "until_extinct": False},
+        **{"props": None, "sample_every": None, "until_extinct": False, "numbering": (0, 1)},
     },
     "Species": {
         **{"cues": (), "stages": (), "drive_power": 2.0, "traits": ()},
@@ -197,7 +200,8 @@ def resolve(
         if "ticks" in words:
             settings["ticks"] = words["ticks"]
     ticks = words.get("ticks")
-    world = source.with_origins(scenarios.load(file, **settings), copies)
+    island = words.get("island", {})
+    world = as_island(source.with_origins(scenarios.load(file, **settings), copies), island)
     given = words.get("learners", {})
     chosen = {}
     for species in world.species:
@@ -225,6 +229,7 @@ def resolve(
         learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
         ticks=ticks,
         forked=words.get("forked", {}),
+        island=island,
         copies=copies,
         **{
             "record_every": world.sample_every or RECORD_EVERY,

@@ -13,14 +13,15 @@ NARROWEST, WIDEST = 50, 200  # columns of a terminal that are used, at least and
 
 
 def command() -> None:
-    """List the scenarios and the learners, one line each."""
+    """List the scenarios, the archipelagos and the learners, one line each."""
     from ecology import agents, scenarios
 
     learners = {name: line for name, (_, _, _, line) in agents.LEARNERS.items()}
     worlds = {name: _first_line(scenarios.HERE / f"{name}.py") for name in scenarios.names()}
-    width = max(map(len, [*worlds, *learners]))
+    archipelagos = {name: _first_line(scenarios.ARCHIPELAGOS / f"{name}.py") for name in scenarios.archipelago_names()}
+    width = max(map(len, [*worlds, *archipelagos, *learners]))
     columns = min(max(shutil.get_terminal_size().columns, NARROWEST), WIDEST) if sys.stdout.isatty() else sys.maxsize
-    for title, lines in (("scenarios", worlds), ("learners", learners)):
+    for title, lines in (("scenarios", worlds), ("archipelagos", archipelagos), ("learners", learners)):
         print(title)
         for name, line in lines.items():
             indent = " " * (width + 4)

@@ -111,6 +111,11 @@ def command(
         if resume is not None:
             stack.enter_context(lock(resume))
             it = open_run(resume, ticks, device, source, trust=trust, say=say(quiet))
+            if it.plan.island:
+                raise EcologyError(
+                    f"{str(resume)!r} is an island of an archipelago, which is resumed as a whole with: "
+                    f"ecology archipelago --resume {resume.parent.parent}"
+                )
             it.resume(previous=previous)
         else:
             it = _new_run(

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from ecology.errors import writable
+from ecology.errors import EcologyError, writable
 from ecology.lab.cli.options import Quiet, Source, Trust, announces_compiling, format_number, read_pairs
 from ecology.lab.runs.stopping import StoppedError
 from ecology.machine import count_cpus
@@ -53,6 +53,17 @@ def command(
             metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."
         ),
     ] = None,
+    slurm: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PARTITION",
+            help="Run as jobs of a Slurm partition; `default` takes the cluster's, `local` runs jobs on this machine.",
+        ),
+    ] = None,
+    minutes: Annotated[
+        int | None,
+        typer.Option("--minutes-per-run", min=1, help="Time limit of a Slurm job.", show_default="the partition's"),
+    ] = None,
     device: Annotated[
         str | None,
         typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
@@ -60,12 +71,15 @@ def command(
     gpus: Annotated[
         float | None,
         typer.Option(
-            "--gpus-per-run", min=0.0, help="GPUs that each run reserves on Ray.", show_default="1 with --device cuda"
+            "--gpus-per-run",
+            min=0.0,
+            help="GPUs that each run reserves on Ray or Slurm.",
+            show_default="1 with --device cuda",
         ),
     ] = None,
     memory: Annotated[
         float | None,
-        typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory that each run reserves on Ray."),
+        typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory that each run reserves on Ray or Slurm."),
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
     evaluate: Annotated[
@@ -81,16 +95,22 @@ def command(
 ) -> None:
     """Run many seeds and settings; write one table and one figure. Run the same command again to resume."""
     from ecology.lab.runs import cluster
+    from ecology.lab.runs import slurm as jobs
     from ecology.lab.runs import sweep as sweeps
 
+    if ray is not None and slurm is not None:
+        raise EcologyError("--ray and --slurm are two ways to run a sweep elsewhere; give one of them.")
+    if minutes is not None and slurm is None:
+        raise EcologyError("--minutes-per-run requires --slurm.")
     settings: dict[str, list[Any]] = read_pairs("--set", set_, sweeps.values_of, several=True)
     out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
     cells = sweeps.cells_of(
         scenario, out, seeds=sweeps.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
         ticks=ticks, record=record, device=device, source=source, trust=trust,
     )  # fmt: skip
-    gpus = cluster.gpus_per_run(ray, device, gpus, memory)
-    _check(cells, out, show or (), elsewhere=ray is not None)
+    elsewhere = ray or slurm
+    gpus = cluster.gpus_per_run(elsewhere, device, gpus, memory)
+    _check(cells, out, show or (), elsewhere=elsewhere is not None)
     outcomes = [sweeps.Outcome(cell, sweeps.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
@@ -98,6 +118,8 @@ def command(
     count: Callable[[], int] = count_cpus
     if ray is not None and waiting:
         attempt, count = cluster.by_ray(ray, gpus=gpus, memory=memory or 0.0)
+    if slurm is not None and waiting:
+        attempt, count = jobs.by_slurm(slurm, out, gpus=gpus, memory=memory or 0.0, minutes=minutes)
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
     _live(

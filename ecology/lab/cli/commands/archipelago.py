@@ -1,0 +1,182 @@
+"""`ecology archipelago`: run worlds side by side that exchange agents."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ecology.errors import EcologyError
+from ecology.lab.cli.options import (
+    Quiet,
+    Source,
+    Trust,
+    announces_compiling,
+    format_number,
+    read_pairs,
+    read_setting,
+    refuse_with,
+    say,
+)
+
+if TYPE_CHECKING:
+    from ecology.lab.islands.hosts import Handle
+    from ecology.lab.islands.run import ArchipelagoRun
+
+ORDER = 5
+LINE = 10.0  # seconds between two lines of progress
+
+
+@announces_compiling
+def command(
+    archipelago: Annotated[
+        str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")
+    ] = None,
+    ticks: Annotated[
+        int | None, typer.Option(min=1, help="Length of the run.", show_default="the archipelago's")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Random seed.", show_default="0")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of the archipelago to change.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/NAME-SEED")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes or actors that share the islands.", show_default="one per CPU")
+    ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."
+        ),
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="cpu|cuda", help="Device that learners compute on.", show_default="cpu")
+    ] = None,
+    gpus: Annotated[
+        float | None,
+        typer.Option("--gpus-per-worker", min=0.0, help="GPUs of each Ray actor.", show_default="1 with --device cuda"),
+    ] = None,
+    memory: Annotated[
+        float | None, typer.Option("--memory-per-worker", min=0.0, metavar="GIB", help="Memory of each Ray actor.")
+    ] = None,
+    snapshot_every: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Ticks between two common snapshots.", show_default="10000"),
+    ] = None,
+    keep_every: Annotated[
+        int | None,
+        typer.Option(
+            min=0, metavar="N", help="Keep a common snapshot every N ticks, to fork from.", show_default="none"
+        ),
+    ] = None,
+    record_every: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Ticks between two samples of an island.", show_default="10")
+    ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor recordings.")] = False,
+    resume: Annotated[Path | None, typer.Option(help="Folder of a run to resume.")] = None,
+    fork: Annotated[Path | None, typer.Option(help="Folder of a run to fork at the tick --at.")] = None,
+    at: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="With --fork: a common snapshot.")] = None,
+    source: Source = None,
+    trust: Trust = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run an archipelago: islands side by side that exchange agents, with one recording per island and one of all."""
+    from ecology.lab.islands import run as islands
+    from ecology.lab.runs.folder import lock
+    from ecology.lab.runs.gate import Gate
+    from ecology.lab.runs.stopping import StoppedError
+
+    kept = resume or fork
+    if kept is not None:
+        option = "--resume" if resume is not None else "--fork"
+        refuse_with(option, ARCHIPELAGO=archipelago, seed=seed, device=device, record_every=record_every)
+        refuse_with(option, snapshot_every=snapshot_every, keep_every=keep_every, no_record=no_record or None)
+    if resume is not None:
+        refuse_with("--resume", set=set_, out=out, fork=fork)
+    if (fork is None) != (at is None):
+        raise EcologyError("--fork RUN and --at TICK go together; give both.")
+    if kept is None and archipelago is None:
+        raise EcologyError("name an archipelago to run, or give --resume RUN or --fork RUN.")
+    changes = read_pairs("--set", set_, read_setting)
+    gate = Gate(source, trust, say(quiet))
+    with contextlib.ExitStack() as stack:
+        if resume is not None:
+            stack.enter_context(lock(resume))
+            it = islands.resume(resume, ticks, gate)
+        elif fork is not None:
+            it = islands.fork(fork, at or 0, changes, out, ticks, gate)
+        else:
+            it = islands.start(
+                str(archipelago), changes, out, ticks=ticks, seed=seed, device=device, keep_every=keep_every,
+                snapshot_every=snapshot_every, record_every=record_every, record=False if no_record else None,
+            )  # fmt: skip
+        make, count = _hosts(it, ray, gpus, memory)
+        if resume is None:
+            it.check_folder()
+            it.folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(lock(it.folder))
+        try:
+            summary = it.live(make, workers or count, _progress(quiet))
+        except StoppedError as stopped:
+            if not quiet:
+                print(f"stopped by {stopped} at tick {it.now}; resume with: ecology archipelago --resume {it.folder}")
+            raise
+    if not quiet:
+        _print(it, summary)
+
+
+def _hosts(
+    it: ArchipelagoRun, ray: str | None, gpus: float | None, memory: float | None
+) -> tuple[Callable[[Path], Handle], int]:
+    """Return what starts a host, and how many there are to be."""
+    from ecology.lab.islands.hosts import ProcessHost, RayHost
+    from ecology.lab.runs import cluster
+    from ecology.machine import count_cpus
+
+    if ray is None:
+        for option, value in (("--gpus-per-worker", gpus), ("--memory-per-worker", memory)):
+            if value is not None:
+                raise EcologyError(f"{option} requires --ray; give --ray local to share out this machine, or drop it.")
+        return ProcessHost, count_cpus()
+    share = cluster.gpus_per_run(ray, it.voyage.device, gpus, memory)
+    joined = cluster.join(ray)
+    nodes = cluster.capacity(joined, {"CPU": 1.0, "GPU": share, "memory": (memory or 0.0) * 2**30})
+    return lambda folder: RayHost(joined, folder.absolute(), gpus=share, memory=memory or 0.0), max(1, nodes)
+
+
+def _progress(quiet: bool) -> Callable[[str], None]:
+    """Return what prints how far the islands are, now and then."""
+    then = [time.monotonic() + LINE]
+
+    def tell(words: str) -> None:
+        if not quiet and time.monotonic() >= then[0]:
+            then[0] = time.monotonic() + LINE
+            with contextlib.suppress(OSError):
+                print(words, file=sys.stderr, flush=True)
+
+    return tell
+
+
+def _print(it: ArchipelagoRun, summary: dict[str, Any]) -> None:
+    """Print what the archipelago came to."""
+    passed = f"{summary['migrated']:,} migrated, {summary['refused']:,} found no room"
+    if it.voyage.world.pool is not None:
+        passed = f"{summary['generations']:,} generations" + (f"; {passed}" if it.voyage.world.migrations else "")
+    print(
+        f"{summary['ticks']:,} ticks on {len(summary['islands'])} islands in {summary['wall_seconds']:,.1f} s, "
+        f"{summary['agent_steps_per_second']:,.0f} agent-steps per second, {summary['exchange_share']:.1%} of the time "
+        f"in exchanges; {passed}"
+    )
+    for i, island in enumerate(summary["islands"]):
+        if i == 8:
+            print(f"... and {len(summary['islands']) - i} more, see {it.folder / 'summary.json'}")
+            break
+        alive = ", ".join(f"{of['end']} {name}" for name, of in island["population"].items())
+        print(f"island {i}: {alive}; mean drive {format_number(island['mean_drive'])}")
+    if it.voyage.record:
+        print(f"next: ecology view {it.folder}   or   ecology view {it.voyage.folder_of(it.folder, 0)}")

@@ -1,0 +1,1 @@
+"""Archipelagos: their plan, the processes and machines that hold islands, and what passes between these."""

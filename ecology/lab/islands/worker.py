@@ -1,0 +1,33 @@
+"""The process of a host: `python -P -m ecology.lab.islands.worker FILE_DESCRIPTOR FOLDER`."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from multiprocessing.connection import Connection
+from typing import Any
+
+from ecology.errors import EcologyError
+from ecology.lab.islands.hosts import Host
+from ecology.lab.runs.stopping import StoppedError
+
+
+def serve(line: Connection, host: Host) -> None:
+    """Do what comes over the line until it ends."""
+    with contextlib.suppress(EOFError, OSError):  # the archipelago has ended
+        while True:
+            method, calls = line.recv()
+            answer: tuple[str, Any]
+            try:
+                answer = "done", host.call(method, calls)
+            except EcologyError as error:
+                answer = "error", str(error)
+            except StoppedError:  # somebody ended this process, and not the archipelago
+                answer = "lost", None
+            line.send(answer)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    serve(Connection(int(sys.argv[1])), Host(sys.argv[2]))

@@ -1,0 +1,1 @@
+"""Archipelagos: a file in this folder that defines `build` is an archipelago; there is no registry."""

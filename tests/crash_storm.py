@@ -1,0 +1,147 @@
+"""Kill runs at random moments and resume them: none may be lost, and all must end bit for bit as runs left alone.
+
+`python crash_storm.py [KILLS] [FOLDER] [SEED]` (`make storm`): KILLS over four scenarios, 200 by default. A run lives
+in a process that is forked from this one, which has everything loaded, and is ended by SIGKILL after a time drawn
+between 0 and what the run left alone took. A run that is killed is resumed; one that comes to its end is compared,
+and another is begun. Compared are the last checkpoint, the metrics, and the ticks of every entity of the recording.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import os
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from same_end import same_end
+
+from ecology.lab.cli import live as _live  # noqa: F401  (what a run needs is loaded before it is forked)
+from ecology.lab.cli import main
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import resolve
+from ecology.observers import recorder as _recorder  # noqa: F401
+from ecology.observers import rerun as _rerun  # noqa: F401
+from ecology.observers.readback import chunks
+
+SCENARIOS: dict[str, dict[str, Any]] = {  # ticks, and what else the run is told
+    "paper": {"ticks": 1_500},
+    "predator_prey": {"ticks": 250},
+    "commons": {"ticks": 500},
+    "seasons": {"ticks": 1_500},
+}
+CHECKPOINTS = 12  # of a run
+RESUMES = 50  # of one life, in which it must come to its end once its kills are used up
+
+
+def begin(scenario: str, folder: Path, seed: int) -> None:
+    """Write the folder of a run that has not lived yet."""
+    shutil.rmtree(folder, ignore_errors=True)
+    words = dict(SCENARIOS[scenario])
+    every = words["ticks"] // CHECKPOINTS
+    Run(resolve(scenario, seed=seed, checkpoint_every=every, record_every=10, **words), folder).start()
+
+
+def resume(folder: Path, seconds: float | None) -> int | None:
+    """Resume a run in a process of its own, which is killed after `seconds`; return its exit code, None if killed."""
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            os.setsid()
+            with (folder.parent / "storm.log").open("a") as log:
+                os.dup2(log.fileno(), 1)
+                os.dup2(log.fileno(), 2)
+            main(["run", "--resume", str(folder), "--quiet"])
+        except SystemExit as left:
+            code = int(left.code or 0)
+        finally:
+            os._exit(code)
+    end = None if seconds is None else time.monotonic() + seconds
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        if end is not None and time.monotonic() >= end:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return None
+        time.sleep(0.002)
+
+
+def recorded(folder: Path) -> dict[str, collections.Counter[int]]:
+    """Return how often every entity of a recording has each tick."""
+    found: dict[str, collections.Counter[int]] = collections.defaultdict(collections.Counter)
+    for chunk in chunks(folder / "recording.rrd", is_static=False):
+        if "tick" in chunk.timeline_names:
+            found[chunk.entity_path].update(chunk.to_record_batch().column("tick").to_pylist())
+    return found
+
+
+def compare(alone: Path, folder: Path) -> None:
+    """Raise AssertionError where a run that was killed differs from the one that was left alone."""
+    same_end(str(alone), str(folder))
+    assert pq.read_table(alone / "metrics.parquet").equals(pq.read_table(folder / "metrics.parquet")), "metrics"
+    one, other = recorded(alone), recorded(folder)
+    differ = sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
+    assert not differ, f"recording: {differ[:5]}"
+
+
+def storm(scenario: str, kills: int, out: Path, rng: np.random.Generator) -> tuple[int, int, list[str]]:
+    """Kill runs of a scenario `kills` times; return how many were killed, how many lives ended, and what differed."""
+    seed = int(rng.integers(1_000))
+    alone = out / f"{scenario}-alone"
+    began = time.monotonic()
+    begin(scenario, alone, seed)
+    assert resume(alone, None) == 0, "the run that is left alone failed"
+    took, killed, ended, differ, life = time.monotonic() - began, 0, 0, [], 0
+    while killed < kills or life:
+        if not life:
+            folder = out / f"{scenario}-{ended}"
+            begin(scenario, folder, seed)
+        life += 1
+        code = resume(folder, took * rng.random() if killed < kills else None)
+        killed += code is None
+        if code not in (None, 0) or life > RESUMES + kills:
+            differ.append(f"{folder}: exit code {code} at the {life}th resume")
+        elif code == 0:
+            try:
+                compare(alone, folder)
+                shutil.rmtree(folder)
+            except AssertionError as error:
+                differ.append(f"{folder}: {error}")
+        if code is not None:
+            ended, life = ended + 1, 0
+    return killed, ended, differ
+
+
+def run(kills: int, out: Path, seed: int) -> bool:
+    """Run the storm, print what it came to, and return whether nothing differed."""
+    out.mkdir(parents=True, exist_ok=True)
+    share, good = -(-kills // len(SCENARIOS)), True
+    for i, scenario in enumerate(SCENARIOS):
+        began = time.monotonic()
+        killed, ended, differ = storm(scenario, share, out, np.random.default_rng([seed, i]))
+        good &= not differ
+        print(
+            f"{scenario}: {killed} kills, {ended} lives, {len(differ)} differ, {time.monotonic() - began:.0f} s",
+            flush=True,
+        )
+        print("".join(f"  {each}\n" for each in differ), end="", flush=True)
+    return good
+
+
+if __name__ == "__main__":
+    told = sys.argv[1:]
+    sys.exit(
+        not run(
+            int(told[0]) if told else 200, Path(told[1] if told[1:] else "runs/storm"), int(told[2]) if told[2:] else 0
+        )
+    )
