@@ -49,7 +49,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "algorithm1 that learns the value": {**PRINTED, "learn_value": True},
     "lazy heads": {**SMALL, "batch_f": 5, "lazy_heads": True},
     "algorithm1 with heads that move on": {**PRINTED, "lazy_heads": False},
-    "without target network and weight": {**SMALL, "target_network": False, "relative_weight": False},
+    "without target network and weight": {**SMALL, "target_network": False, "relative_weight": 0},
     "without the min": {**SMALL, "minimum_in_loss": False},
     "first-order score": {**SMALL, "finite_difference": False},
     "lean": {**hjb.LEAN, "place_cells": 8, "memory": 60},

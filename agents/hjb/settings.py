@@ -35,7 +35,7 @@ class HJBSettings:
     intra_option: bool = True  # learn from states within a movement too (Sutton, Precup and Singh 1999)
     batch: int = 64  # decisions per gradient step on L_J
     batch_f: int = 128  # decisions per gradient step on L_f
-    recent_share: float = 0.4  # share of a batch that comes from the last `recent` decisions
+    recent_share: float = 0.1  # share of a batch that comes from the last `recent` decisions
     recent: int = 300  # decisions that count as recent
     memory: int = 12_000  # decisions in the replay buffer
     reservoir: bool = False  # a full memory keeps a sample of the whole life besides the recent decisions (Vitter 1985)
@@ -58,7 +58,7 @@ class HJBSettings:
     near_angle: float = 0.6  # radians, standard deviation of the same kernel for angles
     searched: int = 4000  # latest decisions that are searched for the open movements at a predicted state
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
-    relative_weight: bool = True  # L_J weighs small drives more
+    relative_weight: int = 1  # power of 1 / d by which L_J weighs small drives d more; 0: not at all
     learn_value: bool = True  # the network of J learns V = d - Jn, so that J begins as the drive
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016), by which an agent acts
     polyak: float = 0.03  # share by which the slow copy follows J per gradient step
@@ -82,7 +82,7 @@ RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
         "from 0 to 1",
         lambda v: 0 <= v <= 1,
     ),
-    (("place_cells", "mutation", "errors", "tries"), "0 or more", lambda v: v >= 0),
+    (("place_cells", "mutation", "errors", "tries", "relative_weight"), "0 or more", lambda v: v >= 0),
     (
         ("width", "batch", "batch_f", "recent", "memory", "updates", "persistence", "depth", "beam", "searched"),
         "1 or more",
@@ -108,7 +108,7 @@ ALGORITHM1: Mapping[str, Any] = {
     "place_cells": 0,
     "imagined": 0.0,
     "optimism": 0.0,
-    "relative_weight": False,
+    "relative_weight": 0,
     "persistence": 1,
     "intra_option": False,
     "target_network": False,
@@ -137,6 +137,8 @@ LEAN: Mapping[str, Any] = {
     "updates": 1,
     "depth": 1,
     "errors": 0,
+    "recent_share": 0.4,
+    "relative_weight": 2,
 }
 
 

@@ -50,8 +50,9 @@ class Encoding(NamedTuple):
     centre_j: np.float32  # Jn = centre_j + spread_j x output
     spread_j: np.float32
     ceiling: np.float32  # of targets of Jn
-    weight_top: np.float32  # of the relative loss weight, 0: none
+    weight_top: np.float32  # of the relative loss weight, (top / (floor + d))^power
     weight_floor: np.float32
+    weight_power: int  # 0: all drives weigh the same
     deprived: np.float32  # imagined deviations lie between these, times the scale
     sated: np.float32
     width: int  # H

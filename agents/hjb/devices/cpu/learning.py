@@ -161,10 +161,11 @@ def learn_j(s, own, sample, scratch, g):
         residual = base + s.spread_j * output(h2[r], w3[0], b3[0]) - goal[r]
         if printed:
             residual = add_climb(s, zeta[r], pace[r], h2[b + r], w3[0], residual, scratch)
-        weight = ONE
-        if s.weight_top > ZERO:
-            weight = s.weight_top / (s.weight_floor + drive(s, zeta[r], scratch.mixed))
-        weight *= weight * share * F(s.minimum or movement[r] >= 0)
+        weight = share * F(s.minimum or movement[r] >= 0)
+        if s.weight_power:
+            relative = s.weight_top / (s.weight_floor + drive(s, zeta[r], scratch.mixed))
+            for _ in range(s.weight_power):
+                weight *= relative
         loss += residual * residual * weight
         e = TWO * residual * weight * s.spread_j
         gb3[0] += e

@@ -73,9 +73,8 @@ def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:
     residual = deviations(s, own, zeta) - goal
     if not (s.minimum or s.finite):
         residual = add_climb(s, own, zeta, pace, residual)
-    if s.weight_top > 0:
-        residual = residual * s.weight_top / (s.weight_floor + drive(s, zeta))
-    return mean(residual.square(), torch.ones_like(movement, dtype=torch.bool) if s.minimum else movement >= 0)
+    weight = (s.weight_top / (s.weight_floor + drive(s, zeta))) ** s.weight_power
+    return mean(weight * residual.square(), torch.ones_like(movement, dtype=torch.bool) if s.minimum else movement >= 0)
 
 
 def mean(errors: Tensor, known: Tensor) -> Tensor:
