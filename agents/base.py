@@ -167,7 +167,7 @@ class Learner(ABC):
         """
         return None
 
-    def plan(self, slot: int) -> Plan | None:
+    def plan_ahead(self, slot: int) -> Plan | None:
         """Return the best that the agent in `slot` saw ahead when it decided, None where it does not look ahead."""
         return None
 

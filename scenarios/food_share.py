@@ -50,7 +50,7 @@ def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
     pairs = len(state.alive) // 2
     hands = [i for i in range(pairs) if state.alive[i]]
     return {
-        "food in hand": [square(*state.position[i] + (0.0, 0.16), 0.05) for i in hands],
+        "food in hand": [square(state.position[i] + (0.0, 0.16), 0.05) for i in hands],
         "table": [[tuple(state.position[i]), tuple(state.position[pairs + i])] for i in hands],
     }
 

@@ -55,8 +55,8 @@ def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
     carries = [i for i in range(pairs) if state.alive[i] and state.internal[i, 1] > 0]
     return {
         "corridor": cells,
-        "food": [square(0.5, y + 0.8, 0.12) for y in rows],
-        "food in hand": [square(*state.position[i] + (0.0, 0.3), 0.08) for i in carries],
+        "food": [square((0.5, y + 0.8), 0.12) for y in rows],
+        "food in hand": [square(state.position[i] + (0.0, 0.3), 0.08) for i in carries],
     }
 
 

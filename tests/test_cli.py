@@ -633,7 +633,7 @@ def test_view_shows_who_is_asked_for(ecology: Command, monkeypatch: pytest.Monke
     code, out, _ = ecology("view", "mine", "--serve")
     assert code == 0
     assert pages[0].url in out
-    assert answers == [(200, b"RRF"), (204, b""), (200, b"RRF")]
+    assert answers == [(200, b"RRF"), (200, b'{"s'), (200, b"RRF")]
 
 
 def test_focus_turns_a_run_that_is_alive(ecology: Command) -> None:

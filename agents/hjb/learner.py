@@ -543,7 +543,7 @@ class HJB(Learner):
         """Return the decision that the agent in `slot` acts on, None before its first one."""
         return self.record.decision(slot)
 
-    def plan(self, slot: int) -> Plan | None:
+    def plan_ahead(self, slot: int) -> Plan | None:
         """Return the best plan of the agent in `slot` where it last decided, None before its first decision."""
         return self.record.plan(slot)
 

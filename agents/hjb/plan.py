@@ -145,7 +145,10 @@ def _best(s: Encoding, nodes: Nodes) -> list[int]:
 def _take(nodes: Nodes, kept: list[int]) -> Nodes:
     return Nodes(
         nodes.state[torch.tensor(kept)],
-        *(array[kept] for array in (nodes.cost, nodes.keep, nodes.open, nodes.score)),
+        nodes.cost[kept],
+        nodes.keep[kept],
+        nodes.open[kept],
+        nodes.score[kept],
         [nodes.ways[i] for i in kept],
         [nodes.states[i] for i in kept],
     )

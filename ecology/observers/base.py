@@ -37,7 +37,7 @@ class Mind(Protocol):
         """Return the decision that the agent in `slot` acts on, None where there is none."""
         ...
 
-    def plan(self, slot: int) -> Plan | None:
+    def plan_ahead(self, slot: int) -> Plan | None:
         """Return the best that the agent in `slot` saw ahead when it decided, None where there is none."""
         ...
 

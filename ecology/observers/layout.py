@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import rerun.blueprint as rrb
-from rerun.encodings import AbsoluteTimeRange
+from rerun.blueprint.components import AbsoluteTimeRange
 
 from ecology.observers.panels.action import Action
 from ecology.observers.panels.ages import Ages

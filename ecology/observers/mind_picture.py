@@ -11,6 +11,8 @@ from ecology.observers.frame import Followed
 from ecology.observers.plotting import Axes
 
 OPTIONS = 8  # of a decision, at most
+COLUMNS = (0, 1, 4)  # of its table: option, next drive, score
+WIDE = 44  # letters of a line, at most
 
 
 class MindPicture:
@@ -54,9 +56,10 @@ def _plain(text: str) -> str:
             if not set(line) <= set("|-"):
                 rows.append(cells)
         elif line:
-            found += textwrap.wrap(line, 52)
+            found += textwrap.wrap(line, WIDE)
     table = rows[: 1 + OPTIONS]
     table = [row for row in table if len(row) == len(table[0])] if table else []
+    table = [[row[i] for i in COLUMNS] for row in table if len(row) > max(COLUMNS)]
     wide = [max(len(row[i]) for row in table) for i in range(len(table[0]))] if table else []
     lines = [" ".join(cell.ljust(w) for cell, w in zip(row, wide, strict=True)) for row in table]
     return "\n".join([*found, "", *lines])

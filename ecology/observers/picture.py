@@ -54,7 +54,8 @@ class Picture:
     def __init__(self, scenario: Scenario, shot: Shot | None = None) -> None:
         """Draw the arena, the legend and the axes, as `shot` says."""
         self._scenario, self._shot = scenario, shot or Shot()
-        self._figure = figure = new_figure(tuple(side / DPI for side in self._shot.size), dpi=DPI)
+        wide, tall = self._shot.size
+        self._figure = figure = new_figure((wide / DPI, tall / DPI), dpi=DPI)
         self._canvas = FigureCanvasAgg(figure)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1), height_ratios=(1, 1.6)) if self._shot.beside else None
         self._axes = figure.add_subplot() if grid is None else figure.add_subplot(grid[:, 0])

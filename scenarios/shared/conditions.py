@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ecology import EcologyError
 
 CONDITIONS = ("none", "cognitive", "affective", "full")
@@ -30,8 +32,9 @@ def empathy(condition: str) -> tuple[bool, bool]:
     return condition in ("cognitive", "full"), condition in ("affective", "full")
 
 
-def square(x: float, y: float, half: float) -> list[tuple[float, float]]:
-    """Return the outline of a square, to be drawn: its middle and half its side."""
+def square(middle: Sequence[float], half: float) -> list[tuple[float, float]]:
+    """Return the outline of a square, to be drawn: its middle (x, y) and half its side."""
+    x, y = middle
     return [
         (x - half, y - half),
         (x + half, y - half),

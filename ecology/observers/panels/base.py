@@ -53,7 +53,7 @@ class Watch:
         """Return the best that the focus of a species saw ahead when it decided, None where there is none."""
         if name not in self._plans:
             row = self.row(name)
-            self._plans[name] = self.minds[name].plan(row) if row >= 0 and self.scene.decides[name] else None
+            self._plans[name] = self.minds[name].plan_ahead(row) if row >= 0 and self.scene.decides[name] else None
         return self._plans[name]
 
     def decision(self, name: str) -> Decision | None:
