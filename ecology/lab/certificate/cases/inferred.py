@@ -30,7 +30,7 @@ def policy_of(inferring: bool) -> episodes.Policy:
     """Return the policy that passes where its energy is high and the partner is, or seems, low."""
 
     def policy(env: Ecology) -> Ints:
-        state = env.state_view
+        state: Any = env.state_view
         own, other = env.groups["possessor"].slots, env.groups["partner"].slots
         column = list(env.scenario.species[1].needs).index(
             next(n for n in env.scenario.species[1].needs if n.name == "display")
@@ -100,7 +100,7 @@ def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarr
             env.reset_arrays(50_000 + k)
             tick = env.step_arrays(np.zeros(env.size, np.int64))
         partner = env.groups["partner"].slots.start
-        state = env.state_view
+        state: Any = env.state_view
         found.append((float(mind.infer(tick.observations["possessor"])[0]), float(state.own_drive[partner]),
                       float(state.internal[partner, -1] if len(env.scenario.species[1].needs) < 4
                             else state.internal[partner, 3])))  # fmt: skip
