@@ -26,7 +26,7 @@ import ecology
 from ecology import Action, Need, Outcome, Resource, Scenario, Species, World, agents, scenarios, spec
 from ecology.agents import hjb
 from ecology.lab.certificate.cases import all_cases
-from ecology.lab.cli import app
+from ecology.lab.cli import app, parts
 
 HERE = Path(__file__).parent
 PART = re.compile(r"(<!-- generated: ([\w -]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
@@ -376,9 +376,17 @@ def default(param: Any) -> str:
 
 # ---- pages -----------------------------------------------------------------------------------
 
+
+def starters() -> str:
+    """Return the components of `ecology new --with` as a table."""
+    rows = ((code(name), cell(part.about), ", ".join(map(code, part.imports))) for name, part in parts.PARTS.items())
+    return table(("`--with`", "puts into the room", "imports"), rows)
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "archipelago": archipelago_table,
     "components": components,
+    "starters": starters,
     "state": state,
     "learners": learners,
     "learner settings": learner_settings,

@@ -14,6 +14,7 @@ After Keramati and Gutkin (2014), on the rats of Mansfield and Cunningham (1980)
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from ecology import Cue, Event, Need, Scenario, Session, Species, Trace, act, rest
 from ecology.scenarios.shared.chamber import CHAMBER, LEARNER, STILL
@@ -39,7 +40,7 @@ def build(gamma: float = 0.99, dt: float = 10.0, count: int = 1, ticks: int = 0)
     left = math.exp(-WANES * dt)
     gain = WARMTH * dt * left / (1 - left)
     shiver = {"effort": left / dt, "warmth": (1 - left) / dt, "temperature": WARMTH * left}
-    hidden = {"set_point": 0.0, "regulated": False, "bounds": (0.0, 4.0)}
+    hidden: dict[str, Any] = {"set_point": 0.0, "regulated": False, "bounds": (0.0, 4.0)}
     needs = (
         Need(name="temperature", set_point=0.0, bounds=(-5.0, 5.0)),
         Need(name="cold_slow", leak=leak(SLOW), feeds={"temperature": 1.0}, **hidden),

@@ -13,6 +13,7 @@ a = .001, h = 10, e = .5, m = .015: the larger, the less chance there is in them
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,12 @@ def build(
         outcome.parents = {"predator": bearing}
         return outcome
 
-    common = {"needs": (Need(name="ease", set_point=1.0),), "radius": REACH, "solid": False, "senses": ()}
+    common: dict[str, Any] = {
+        "needs": (Need(name="ease", set_point=1.0),),
+        "radius": REACH,
+        "solid": False,
+        "senses": (),
+    }
     prey = Species(
         name="prey",
         actions=(rest(),),

@@ -3,7 +3,8 @@
 An agent knows its own drive, and its own signs: the needs that others can sense of it, such as posture or a display.
 It remembers both, and expects of another with a sign s the mean of its own drives at signs near s (a kernel regression,
 Nadaraya and Watson 1964). What it feels of the other is that, times how much it cares. It never reads the component
-`felt` of zeta, which holds the truth.
+`felt` of zeta, which holds the truth. Without signs it expects the mean of its own drives; where it feels nobody, it
+is `hjb`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ecology import EcologyError, Group, elementary
+from ecology import Group, elementary
 from ecology.agents.base import Transition
 from ecology.agents.hjb.learner import HJB
 from ecology.agents.hjb.settings import HJBSettings
@@ -38,16 +39,12 @@ class Inferring(HJB):
             for j, name in enumerate(names)
             if layout.kinds[j] == "plain" and name.endswith(f"_1_{names[i]}")
         ]
-        if "felt" not in names or not pairs:
-            raise EcologyError(
-                f"inferring is for a species with empathy in the sum form, perceived, that senses of its neighbours a "
-                f"need which it has itself and they open; {group.name!r} senses {', '.join(names)}."
-            )
-        self.own, self.others = (np.array(columns) for columns in zip(*pairs, strict=True))
-        self.felt = names.index("felt")
+        self.own, self.others = np.array(pairs, np.int64).reshape(-1, 2).T
+        self.felt = names.index("felt") if "felt" in names else -1
         scale = np.asarray(layout.scale, float)
         minded = [i for i in own if layout.regulated[i]]
-        self.cares = float(scale[self.felt] / np.sqrt(np.square(scale[minded]).sum()))  # weight of empathy
+        size = float(np.sqrt(np.square(scale[minded]).sum()))
+        self.cares = float(scale[self.felt]) / max(size, 1e-9) if self.felt >= 0 else 0.0  # weight of empathy
         self.width = NEAR * scale[self.own]
         n = group.size
         self.signs = np.zeros((n, REMEMBERED, len(pairs)))
@@ -64,6 +61,8 @@ class Inferring(HJB):
 
     def read(self, observations: np.ndarray) -> np.ndarray:
         """Return zeta (n, D) with what is inferred in the place of what is felt."""
+        if self.felt < 0:
+            return observations
         found = np.array(observations)
         found[:, self.felt] = self.cares * self.infer(observations)
         return found
@@ -74,6 +73,9 @@ class Inferring(HJB):
 
     def learn(self, transition: Transition) -> None:
         """Note one's own signs and drive, and take in one tick as it is inferred."""
+        if self.felt < 0:
+            super().learn(transition)
+            return
         zeta = np.array(transition.observations)
         zeta[:, self.felt] = 0.0
         rows = np.flatnonzero(transition.alive)

@@ -107,7 +107,7 @@ def words(name: str, **more: Any) -> dict[str, Any]:
     return {"world": world_digest(scenarios.load(name)), **more}
 
 
-def fit_line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+def fit_line(x: Any, y: Any) -> tuple[float, float]:
     """Return slope and intercept of the least squares line."""
     slope, intercept = np.polyfit(np.asarray(x, float), np.asarray(y, float), 1)
     return float(slope), float(intercept)

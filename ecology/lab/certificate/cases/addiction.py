@@ -39,7 +39,8 @@ def most_without() -> float:
 
 def _sessions(rows: list[Any], hours: float, dt: float) -> dict[str, Any]:
     """Return infusions by session and h* after each night, from rows (h*, pressed) of every tick."""
-    table, found, first = np.array(rows), {"infusions": [], "set_point": []}, 0
+    table, first = np.array(rows), 0
+    found: dict[str, Any] = {"infusions": [], "set_point": []}
     for open_for, days in ((1.0, 1), (hours, DAYS)):
         access = round(HOUR * open_for / dt)
         length = (HOUR * open_for + (DAY - HOUR * open_for) / HURRY) / dt
@@ -60,7 +61,7 @@ def scripted(hours: float) -> dict[str, Any]:
     env, tick = answers.begin("addiction", 0, hours=hours, hurry=HURRY, dt=COARSE)
 
     def policy(env: Ecology, tick: Tick) -> Ints:
-        now = env.state_view
+        now: Any = env.state_view
         short = now.set_point[0, 0] * WHOLE - now.internal[0].sum() >= DOSE / 2
         return answers.act(env, user="press" if short and tick.masks["user"][0, 1] else "rest")
 
@@ -70,7 +71,7 @@ def scripted(hours: float) -> dict[str, Any]:
 
 def learned(hours: float, seed: int) -> dict[str, Any]:
     """Return the sessions of a learner."""
-    words = {"hours": hours, "hurry": HURRY, "dt": FINE}
+    words: dict[str, Any] = {"hours": hours, "hurry": HURRY, "dt": FINE}
     ticks = answers.begin("addiction", 0, **words)[0].scenario.ticks
     return _sessions(answers.learn("addiction", seed, ticks, _look, **words)[3], hours, FINE)
 

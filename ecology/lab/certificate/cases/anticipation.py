@@ -114,15 +114,15 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     if "scripted-0-1" in done and "scripted-1-1" in done:
         ours = threshold(np.array(done["scripted-0-1"]), np.array(done["scripted-1-1"]), DT)
         minutes = np.arange(0, DAY, DT)
-        told = [np.array([closed(t, shivers, True) for t in minutes]) for shivers in (False, True)]
+        cold, warmed = [np.array([closed(t, shivers, True) for t in minutes]) for shivers in (False, True)]
         what = "discount per minute above which shivering at the light pays"
-        found.append(Row(what, [ours], closed=threshold(*told, DT), tolerance=1e-3))
+        found.append(Row(what, [ours], closed=threshold(cold, warmed, DT), tolerance=1e-3))
     lives = answers.column(done, "seed-")
     for name in DAYS if lives else ():
         for i, minute in enumerate(AT):
-            ours = [life[name][i] for life in lives]
+            mine = [life[name][i] for life in lives]
             what = f"f/J, {name}, h after {minute} min (rats {RATS[name][i]:+.2f})"
-            found.append(Row(what, ours, theirs=(PUBLISHED[name][i], None, None)))
+            found.append(Row(what, mine, theirs=(PUBLISHED[name][i], None, None)))
     if lives:
         overheats = [life["first of extinction"][1] for life in lives]
         row = Row("", overheats)

@@ -33,10 +33,12 @@ def gamble(other: float, seed: int = 0) -> dict[str, float]:
     for meal in ("sure", "risky"):
         env, tick = answers.begin("choice", seed, count=BODIES, decay=0.0)  # crowds at one place are slow
         tick = env.put(internal=np.tile([MIDDLE - 1.0, MIDDLE - other], (BODIES, 1)))
-        (found[meal],) = answers.play(
-            env, tick, 1, lambda env, _, meal=meal: answers.act(env, body=meal), lambda _, t: float(t.drive.mean())
-        )
+        (found[meal],) = answers.play(env, tick, 1, _always(meal), lambda _, t: float(t.drive.mean()))
     return found
+
+
+def _always(action: str) -> answers.Policy:
+    return lambda env, _: answers.act(env, body=action)
 
 
 def preferences(m1: float, m2: float, seed: int = 0) -> dict[str, float]:
@@ -47,9 +49,7 @@ def preferences(m1: float, m2: float, seed: int = 0) -> dict[str, float]:
     for action in ("sure", "drink"):
         env, tick = answers.begin("choice", seed, count=PAIRS, decay=0.0, meal=m1, drink=m2)
         tick = env.put(internal=MIDDLE + pairs)
-        (after[action],) = answers.play(
-            env, tick, 1, lambda env, _, a=action: answers.act(env, body=a), lambda _, t: t.drive.copy()
-        )
+        (after[action],) = answers.play(env, tick, 1, _always(action), lambda _, t: t.drive.copy())
     return boundary(pairs, after["sure"] < after["drink"], m1, m2)
 
 

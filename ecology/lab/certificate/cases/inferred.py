@@ -30,7 +30,7 @@ def policy_of(inferring: bool) -> episodes.Policy:
     """Return the policy that passes where its energy is high and the partner is, or seems, low."""
 
     def policy(env: Ecology) -> Ints:
-        state = env.state_view
+        state: Any = env.state_view
         own, other = env.groups["possessor"].slots, env.groups["partner"].slots
         column = list(env.scenario.species[1].needs).index(
             next(n for n in env.scenario.species[1].needs if n.name == "display")
@@ -100,7 +100,7 @@ def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarr
             env.reset_arrays(50_000 + k)
             tick = env.step_arrays(np.zeros(env.size, np.int64))
         partner = env.groups["partner"].slots.start
-        state = env.state_view
+        state: Any = env.state_view
         found.append((float(mind.infer(tick.observations["possessor"])[0]), float(state.own_drive[partner]),
                       float(state.internal[partner, -1] if len(env.scenario.species[1].needs) < 4
                             else state.internal[partner, 3])))  # fmt: skip
@@ -146,8 +146,8 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
     kinds = [kind for kind in KINDS if answers.column(done, f"{kind}-seed-")]
     for i, kind in enumerate(kinds):
-        lives = [float(np.mean(life["lives"])) for life in answers.column(done, f"{kind}-seed-")]
-        left.plot([i] * len(lives), lives, "o", color=answers.OURS, alpha=0.6)
+        lengths = [float(np.mean(life["lives"])) for life in answers.column(done, f"{kind}-seed-")]
+        left.plot([i] * len(lengths), lengths, "o", color=answers.OURS, alpha=0.6)
     left.axhline(PUBLISHED[0], color=answers.THEIRS, ls="--", label="published decoder")
     left.set_xticks(range(len(kinds)), kinds)
     answers.finish(left, "what is sensed of the partner", "ticks lived")

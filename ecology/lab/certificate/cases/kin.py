@@ -35,13 +35,13 @@ def evolve(
     before: dict[int, float] = {}
 
     def policy(env: Ecology, tick: Tick) -> Ints:
-        state = env.state_view
+        state: Any = env.state_view
         gives = state.trait[:, 0] > state.internal[:, 1]
         return answers.act(env, agent=gives.astype(np.int64))
 
     for _ in range(generations):
         living = np.flatnonzero(tick.alive)
-        now = env.state_view
+        now: Any = env.state_view
         before = dict(zip(now.serial[living].tolist(), now.trait[living, 0].tolist(), strict=True))
         gives = []
         for _ in range(LIFE):

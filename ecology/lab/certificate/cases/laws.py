@@ -48,10 +48,11 @@ def fixation(seed: int) -> float:
     won = 0
     for k in range(REPLICATES):
         env, _ = answers.begin("laws", 1_000 * seed + k, law="drift", n=FEW)
-        first = float(env.state_view.trait[0, 0])
+        begun: Any = env.state_view
+        first = float(begun.trait[0, 0])
         for _ in range(5_000):
             env.step_arrays(np.zeros(env.size, np.int64))
-            now = env.state_view
+            now: Any = env.state_view
             left = np.unique(now.trait[now.alive, 0])
             if len(left) <= 1:
                 break

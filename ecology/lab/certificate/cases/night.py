@@ -34,7 +34,7 @@ def sleeps(swing: float, dt: float = FINE, days: int = 12) -> dict[str, Any]:
 
     def policy(env: Ecology, tick: Tick) -> Ints:
         nonlocal asleep
-        now = env.state_view
+        now: Any = env.state_view
         s, wave = now.internal[0, 1], swing * math.sin(2 * math.pi * now.time / DAY)
         asleep = s > LOWER + wave if asleep else s >= UPPER + wave
         return answers.act(env, body="sleep" if asleep else "rest")
@@ -104,7 +104,7 @@ def score(start: float, meal: str) -> float:
 
 def learned(seed: int) -> dict[str, float]:
     """Return how often learners take patchy meals in a rich and in a poor world, and what share they sleep."""
-    found = {}
+    found: dict[str, float] = {}
     for name, start in (("poor", 0.5), ("rich", 1.5)):
         env, tick = answers.begin("night", seed, start=start, mean=MEAN, night=NIGHT, count=4)
         minds = answers.minds_of(env, env.scenario, seed, {})
@@ -156,7 +156,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
                 found.append(Row("hour at which sleep begins", [life["hour"]], closed=exact["hour"], tolerance=0.4))
     right = []
     for start in STARTS:
-        pair = {meal: done.get(f"budget-{start:g}-{meal}") for meal in ("steady", "patchy")}
+        pair: dict[str, Any] = {meal: done.get(f"budget-{start:g}-{meal}") for meal in ("steady", "patchy")}
         if None in pair.values():
             continue
         for meal, ours in pair.items():

@@ -48,7 +48,7 @@ def scripted(travel: float) -> dict[str, float]:
 
     def policy(env: Ecology, tick: Tick) -> Ints:
         nonlocal home, at_start, mean, began
-        now = env.state_view
+        now: Any = env.state_view
         names = ("patch", "other")
         if now.inside[0, home] and now.stock[home] * share > mean:
             return answers.act(env, forager=f"consume_{names[home]}")
@@ -101,7 +101,7 @@ def fixed(travel: float, stay: int) -> float:
             home, eaten = 1 - home, 0
         return answers.act(env, forager=f"go_to_{names[home]}")
 
-    ticks = 10 * (travel + stay)
+    ticks = round(10 * (travel + stay))
     answers.play(env, tick, ticks, policy)
     return float(env.state_view.ingested[0, 0]) / ticks
 

@@ -119,7 +119,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     if free:
         found.append(Row("slope of ln N1/N2 against ln Q1/Q2, ideal free", free, closed=1.0, tolerance=0.05))
         for r in RATIOS:
-            of = [done[f"scripted-0-{r:g}-{seed}"] for seed in range(3)]
+            of = answers.column(done, f"scripted-0-{r:g}-")
             ratio = [life["intake left"] / life["intake right"] for life in of]
             found.append(Row(f"intake per agent, left over right, at {r:g}:1", ratio, closed=1.0, tolerance=0.1))
     if noisy:
@@ -130,7 +130,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
         what = f"f/J (lean, {LEARNERS}): slope of ln N1/N2 against ln Q1/Q2 (animals about .7)"
         found.append(Row(what, ours, closed=1.0))
         for r in RATIOS:
-            of = [done[f"learned-{r:g}-{seed}"] for seed in range(answers.SEEDS)]
+            of = answers.column(done, f"learned-{r:g}-")
             ratio = [life["intake left"] / max(life["intake right"], 1e-9) for life in of]
             found.append(Row(f"f/J: intake per agent, left over right, at {r:g}:1", ratio, closed=1.0))
     return found
