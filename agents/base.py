@@ -177,12 +177,12 @@ class Learner(ABC):
         Those are the rows of every array of `state` that has a row per slot.
         """
         arrays, _ = self.state()
-        return {name: array[slots].copy() for name, array in arrays.items() if len(array) == self.size}
+        return {name: array[slots].copy() for name, array in arrays.items() if array.shape[:1] == (self.size,)}
 
     def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
         """Let the agents in `slots` (k,) be those that another learner of this kind has packed."""
         arrays, values = self.state()
-        if packed.keys() != {name for name, array in arrays.items() if len(array) == self.size}:
+        if packed.keys() != {name for name, array in arrays.items() if array.shape[:1] == (self.size,)}:
             raise EcologyError(
                 f"the learner {type(self).__name__} cannot take in {sorted(packed)}; islands between which a species "
                 "migrates need the same learner."

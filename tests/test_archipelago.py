@@ -412,6 +412,8 @@ def test_worlds_that_do_not_fit_are_refused(isles: str, tmp_path: Path, capsys: 
         with pytest.raises(EcologyError, match=says):
             runs.start(str(bad), {}, tmp_path / "none")
     live(isles, tmp_path / "out", ticks=20)
+    config = (tmp_path / "out/islands/1/config.toml").read_text()
+    (tmp_path / "tampered.toml").write_text(config.replace("number = 1", "number = 7"))
     for words, says in (
         (["run", isles], "run it with: ecology archipelago"),
         (["archipelago", "commons"], "one world is run with: ecology run commons"),
@@ -422,6 +424,7 @@ def test_worlds_that_do_not_fit_are_refused(isles: str, tmp_path: Path, capsys: 
         (["archipelago", "--fork", str(tmp_path / "out")], "go together"),
         (["archipelago", "--resume", str(tmp_path)], "holds no archipelago"),
         (["run", "--resume", str(tmp_path / "out/islands/1")], "an island of an archipelago"),
+        (["run", "--config", str(tmp_path / "tampered.toml")], "[island] holds the number"),
     ):
         with pytest.raises(SystemExit) as left:
             main(words)

@@ -352,13 +352,11 @@ class HJB(Learner):
         """
         way, after = self.execution, observations[slots]
         took = way.elapsed[slots] * self.group.dt
-        self._spare(slots)
         self.memory.add(slots, way.began[slots], way.movement[slots], after, took, way.was_open[slots])
         if not self.settings.intra_option:
             return
         passed, some, same = way.passed(slots, self.rng.random(self.size)[slots])
         slots, passed = slots[some], passed[some]
-        self._spare(slots)
         self.memory.add(
             slots,
             way.trail[slots, passed],
@@ -367,11 +365,6 @@ class HJB(Learner):
             took[some] - passed * self.group.dt,
             way.trail_open[slots, passed],
         )
-
-    def _spare(self, slots: np.ndarray) -> None:
-        """Let old decisions of `slots` outlive newer ones, where the memory is a sample of the whole life."""
-        if self.settings.reservoir:
-            self.memory.spare(slots, self.rng.random(self.size)[slots], self.settings.recent)
 
     def learn(self, transition: Transition) -> None:
         """Take in one tick; at fixed intervals take a gradient step on L_f and L_J for all agents."""

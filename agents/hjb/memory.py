@@ -19,24 +19,6 @@ class Memory:
         self.open = device.zeros((n, capacity, movements), np.bool_)
         self.count = np.zeros(n, np.int64)  # decisions so far
 
-    def spare(self, slots: np.ndarray, uniform: np.ndarray, recent: int) -> None:
-        """Before one more decision of `slots` (k,): let some old ones outlive ones that are no longer recent.
-
-        A full memory then holds the last `recent` decisions and a sample of all before them, each being as likely:
-        reservoir sampling (Vitter 1985). Without, it holds the last ones alone. `uniform` (k,) are random numbers.
-        """
-        count, older = self.count[slots], self.capacity - recent
-        full = count >= self.capacity
-        enters = older / np.maximum(count - recent + 1.0, older)  # probability that the one that is leaving stays
-        nth = np.floor(uniform / enters * older).astype(np.int64)  # which of the older ones makes room for it
-        goes = np.where(uniform < enters, count - self.capacity + nth, count - recent)
-        rows = self.device.on(slots[full])
-        oldest, gone = (
-            self.device.on(which[full] % self.capacity) for which in (count, goes)
-        )  # it would be overwritten
-        for array in (self.zeta, self.after, self.duration, self.movement, self.open):
-            array[rows, gone] = array[rows, oldest]
-
     def add(
         self,
         slots: np.ndarray,

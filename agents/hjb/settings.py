@@ -38,7 +38,6 @@ class HJBSettings:
     recent_share: float = 0.1  # share of a batch that comes from the last `recent` decisions
     recent: int = 300  # decisions that count as recent
     memory: int = 12_000  # decisions in the replay buffer
-    reservoir: bool = False  # a full memory keeps a sample of the whole life besides the recent decisions (Vitter 1985)
     update_every: float = 1.0  # units of time between updates
     updates: int = 3  # gradient steps on L_f and L_J per update
     warm_up: int = 16  # decisions before the first update
@@ -142,13 +141,6 @@ LEAN: Mapping[str, Any] = {
 }
 
 
-# for ten thousand minds in one world: a small memory that samples the whole life; since it takes few gradient steps, a
-# learning rate that falls ten times later, and no optimism, which few steps do not unlearn. See docs/performance.md
-CROWD: Mapping[str, Any] = {
-    **LEAN,
-    "memory": 2000,
-    "reservoir": True,
-    "update_every": 4.0,
-    "settling": 40_000.0,
-    "optimism": 0.0,
-}
+# for ten thousand minds in one world: a small memory. Since it takes few gradient steps, the learning rate falls ten
+# times later, and there is no optimism, which few steps do not unlearn. See docs/performance.md
+CROWD: Mapping[str, Any] = {**LEAN, "memory": 2000, "update_every": 4.0, "settling": 40_000.0, "optimism": 0.0}

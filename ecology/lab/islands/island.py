@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -93,7 +94,6 @@ class IslandRun:
     def __init__(self, plan: Plan, folder: Path, pool: Pool | None, *, shown: bool) -> None:
         self.plan, self.folder, self._pool, self._shown = plan, folder, pool, shown
         self._stack = contextlib.ExitStack()
-        self._seconds = 0.0
 
     def start(self) -> None:
         """Start a new run."""
@@ -142,15 +142,16 @@ class IslandRun:
 
     def advance(self, tick: int) -> Census:
         """Live to `tick`, and return the census."""
+        began = time.process_time()
         try:
             self.run.advance(tick - self.run.now)
         except BaseException:
             self._stack.__exit__(*sys.exc_info())  # says what is told of errors, and closes all files
             raise
-        return self.census()
+        return self.census(time.process_time() - began)
 
-    def census(self) -> Census:
-        """Return what is to be known of the island at a stop."""
+    def census(self, seconds: float = 0.0) -> Census:
+        """Return what is to be known of the island at a stop, after CPU `seconds` since the last one."""
         state, env = self.run.env.state_view, self.run.env
         alive, drive, place, moving = {}, {}, {}, {}
         for species, group in zip(env.scenario.species, env.groups.values(), strict=True):
@@ -175,9 +176,7 @@ class IslandRun:
                     low = 0.0 if at is None else species.needs[at].bounds[0]
                     count.fitness = np.ones(len(slots)) if at is None else state.internal[slots, at] - low
                     count.trait = None if state.trait is None else state.trait[slots, : len(species.traits)]
-        seconds = float(self.run.tally.seconds[1])
-        spent, self._seconds = seconds - self._seconds, seconds
-        return Census(self.run.now, alive, drive, moving, spent, place)
+        return Census(self.run.now, alive, drive, moving, seconds, place)
 
     # ---- between two ticks -----------------------------------------------------------------
 

@@ -263,7 +263,7 @@ class ArchipelagoRun:
     def _cut(self) -> None:
         """Forget what the ledger tells of later than the common snapshot."""
         told = json.loads((self.folder / COMMON).read_text(encoding="utf-8"))
-        self.migrated, self.refused, self.generations = (told[key] for key in self._counts())
+        self.migrated, self.refused, self.generations = (int(told.get(key, 0)) for key in self._counts())
         self._kept = [self.now]
         path = self.folder / LEDGER
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []

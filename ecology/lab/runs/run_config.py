@@ -151,6 +151,13 @@ def read_config(path: Path) -> dict[str, Any]:
         kind = PLAIN.get(key, dict)
         if type(value) is not kind:
             raise EcologyError(f"the config {str(path)!r}: {key} is a {kind.__name__}, got {value!r}.")
+    island = words.get("island", {"number": 0, "islands": 1, "species": []})
+    kinds = {key: type(value) for key, value in island.items()}
+    if kinds != {"number": int, "islands": int, "species": list} or not 0 <= island["number"] < island["islands"]:
+        raise EcologyError(
+            f"the config {str(path)!r}: [island] holds the number of the island, of how many islands, and the species "
+            f"that migrate, got {island!r}."
+        )
     for species, choice in words.get("learners", {}).items():
         good = isinstance(choice, dict) and set(choice) <= {"name", "settings"} and isinstance(choice.get("name"), str)
         if not good or not isinstance(choice.get("settings", {}), dict):
