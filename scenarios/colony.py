@@ -38,7 +38,7 @@ EATS, GIVES = 0.1, 0.05  # units per unit of time
 SET_POINT, FULL = 2.0, 4.0
 SMALL = {  # hjb
     "width": 32, "batch": 32, "batch_f": 32, "memory": 3000, "update_every": 4.0, "updates": 1, "place_cells": 0,
-    "pause": 10.0, "depth": 1, "errors": 0,
+    "pause": 10.0, "depth": 1, "errors": 0, "recent_share": 0.4, "relative_weight": 2,
 }  # fmt: skip
 
 

@@ -21,7 +21,7 @@ PATCH = 0.35  # radius of the pool, times the side of the arena: all find room i
 THICK, DEEP = 0.02, 0.3  # of the inner walls, times the side of the arena
 SMALL = {  # hjb
     "width": 16, "batch": 32, "batch_f": 32, "memory": 2000, "update_every": 4.0, "updates": 1, "place_cells": 0,
-    "depth": 1, "errors": 0,
+    "depth": 1, "errors": 0, "recent_share": 0.4, "relative_weight": 2,
 }  # fmt: skip
 
 

@@ -43,7 +43,7 @@ HEALING = 0.002  # share of a wound that heals per unit of time
 LEARNER = {  # of a short life: small networks, small batches, short movements
     "width": 32, "batch": 16, "batch_f": 32, "memory": 500, "recent": 100, "update_every": 6.0, "updates": 1,
     "place_cells": 0, "stride": 4.0, "pause": 5.0, "gamma": 0.99, "epsilon": 0.6, "epsilon_final": 0.05, "youth": 400.0,
-    "depth": 1, "errors": 0,
+    "depth": 1, "errors": 0, "recent_share": 0.4, "relative_weight": 2,
 }  # fmt: skip
 
 

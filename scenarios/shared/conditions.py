@@ -17,6 +17,8 @@ LEARNER = {  # of f/J: one decision a tick and a short memory, for worlds of a f
     "imagined": 0.0,
     "depth": 1,
     "errors": 0,
+    "recent_share": 0.4,
+    "relative_weight": 2,
     "update_every": 4.0,
     "updates": 1,
     "epsilon": 0.5,
