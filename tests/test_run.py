@@ -32,6 +32,7 @@ from ecology.lab.runs.folder import CHECKPOINT, EVALUATION, check_evaluation
 from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import Plan, read_config, resolve, words_of
 from ecology.lab.runs.stopping import Interrupt
+from ecology.observers.base import Observer
 
 CROWD = """
 '''Twelve wide bodies in a small room: they touch each other and the walls at every tick.'''
@@ -88,6 +89,27 @@ def test_births_are_counted_where_there_is_room_for_more(tmp_path: Path) -> None
     summary = run.live()
     assert summary["births"] - summary["deaths"] == run.tick.alive.sum() - 3
     assert summary["births"] > 0
+
+
+def test_a_run_has_ended_when_all_that_is_recorded_is_on_disk(tmp_path: Path) -> None:
+    """The summary comes last: a run that is killed or fails while its observers end can be resumed."""
+
+    class Failing(Observer):
+        def end(self) -> None:
+            assert not (tmp_path / "out" / "summary.json").exists()
+            raise OSError("no room")
+
+    (tmp_path / "crowd.py").write_text(CROWD)
+    run = Run(resolve(str(tmp_path / "crowd.py"), learners=["random"], ticks=20, record=False), tmp_path / "out")
+    run.start()
+    with pytest.raises(EcologyError, match="no room"):
+        run.live([Failing()])
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert told["ticks"] == 20
+    assert "no room" in told["stopped_by"]
+    again = open_run(tmp_path / "out")
+    again.resume()
+    assert "stopped_at" not in again.live()
 
 
 PREY = """

@@ -241,11 +241,15 @@ class Run:
             at_end.enter_context(self._lives(observers))
             self._mailbox = Mailbox(self.folder, DO)
             first: tuple[Observer, ...] = (interrupt, self.tally)
-            for watcher in (*first, *observers):  # the last to begin is the first to end
-                if watcher is self.tally and not self.now:
-                    self.save()  # what is written from here on can be gone on with
-                watcher.begin(self.env, self.learners)
-                at_end.callback(watcher.end)
+            with contextlib.ExitStack() as begun:
+                for watcher in (*first, *observers):  # the last to begin is the first to end
+                    if watcher is self.tally and not self.now:
+                        self.save()  # what is written from here on can be gone on with
+                    watcher.begin(self.env, self.learners)
+                    begun.callback(watcher.end)
+                rest = begun.pop_all()
+            at_end.push(self._end)  # comes after `rest`
+            at_end.enter_context(rest)
             if self._resumed:
                 if self.plan.copies is None:
                     source.keep(self.plan.code, self.folder, tick=self.now)
@@ -253,7 +257,6 @@ class Run:
                 replace_text(self.folder / CONFIG, text)
             if self._previous:
                 checkpoint.put_aside(self.folder / CHECKPOINT)
-            at_end.callback(self._write_summary)
             try:
                 yield
             except StoppedError as stopped:
@@ -511,7 +514,10 @@ class Run:
         }
         return json.loads(json.dumps(words))
 
-    def _write_summary(self) -> None:
+    def _end(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        """Write the summary, which says that a run has ended: last, when all that was recorded is on disk."""
+        if error is not None and self.stopped_by is None:
+            self.stopped_by = faults.describe(error)
         write_json(self.folder / SUMMARY, self.summary())
 
 
