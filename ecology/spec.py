@@ -97,7 +97,8 @@ class Need:
     dx = (-decay * season(t) * (1 + ageing * age) - leak * x + u [* x if proportional]) dt + noise dS
 
     A need that `feeds` others is a compartment, such as a gut or the blood: what leaks out of it enters them.
-    A fatigue is a need whose set point is 0 and whose decay is negative (it grows by itself).
+    A fatigue is a need whose set point is 0: it grows by itself (negative decay), or where actions control it, and then
+    recovers by its decay (the muscle fatigue of `paper`).
     """
 
     name: str
