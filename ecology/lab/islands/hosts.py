@@ -168,7 +168,7 @@ class Fleet:
         opening: Callable[[int], Opening],
         common: int | None,
     ) -> None:
-        """Spread `islands` over `hosts` that `make` starts; open them as `opening` says, or at the `common` snapshot."""
+        """Spread `islands` over `hosts` that `make` starts, opened by `opening` or at the `common` snapshot."""
         self._make, self._opening, self._common = make, opening, common
         self._share = [list(range(host, islands, hosts)) for host in range(min(hosts, islands))]
         self._hosts: list[Handle | None] = [None] * len(self._share)
