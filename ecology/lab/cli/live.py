@@ -210,7 +210,7 @@ class Audience:
         return {**control.status(), "tick": state.tick, **more, "folder": str(self._run.folder)}
 
     def _fork_status(self) -> dict[str, Any] | None:
-        """Return how the fork goes that lives beside the run, None without one."""
+        """Return the status of the fork beside the run, None without one."""
         if (twin := self._run.twin) is None:
             return None
         fork = twin.run
@@ -219,7 +219,7 @@ class Audience:
         return {"name": fork.folder.name, "folder": str(fork.folder), "at": twin.began, "alive": count}
 
     def hear(self, click: Click) -> str | None:
-        """Take a click; say so where it means nobody."""
+        """Handle a click; report if it hits no living agent."""
         self._wishes.hear(click)
         state, name = self._state, click.entity.removeprefix(f"{AGENTS}/")
         group = self._run.env.groups.get(name)
