@@ -120,7 +120,7 @@ def test_only_physics_imports_pymunk():
 def test_only_the_viewer_imports_rerun():
     """The viewer stays behind those who record, draw, and look back; what they draw is plain data."""
     found = set().union(*(importing("rerun", package) for package in PACKAGES))
-    names = ("rerun", "recording_file", "relay", "drawing", "backdrop", "layout", "readback", "screenshot", "hindsight")
+    names = ("rerun", "recording_file", "relay", "drawing", "layout", "readback", "screenshot", "hindsight")
     names = (*names, "overview")
     outside = {path for path in found if not path.startswith("ecology/observers/panels/")}
     assert outside == {f"ecology/observers/{name}.py" for name in names}

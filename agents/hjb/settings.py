@@ -143,4 +143,4 @@ LEAN: Mapping[str, Any] = {
 
 # for ten thousand minds in one world: a small memory. Since it takes few gradient steps, the learning rate falls ten
 # times later, and there is no optimism, which few steps do not unlearn. See docs/performance.md
-CROWD: Mapping[str, Any] = {**LEAN, "memory": 2000, "update_every": 4.0, "settling": 40_000.0, "optimism": 0.0}
+CROWD: Mapping[str, Any] = {**LEAN, "memory": 2000, "update_every": 2.0, "settling": 40_000.0, "optimism": 0.0}
