@@ -266,7 +266,7 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
 
 
 def compile_cued(everyone: Sequence[Species], cues: Mapping[str, int]) -> tuple[Ints | None, ...] | None:
-    """Return by species the cue that each action waits for, (A,), -1 without; None where nothing waits."""
+    """Return by species the cue that each action waits for, (A,), -1 for none; None if no action waits."""
     found = [
         np.array([-1 if a.cue is None else cues[a.cue] for a in s.actions], np.int64)
         if any(a.cue is not None for a in s.actions)
@@ -277,7 +277,7 @@ def compile_cued(everyone: Sequence[Species], cues: Mapping[str, int]) -> tuple[
 
 
 def close_uncued(model: Model, state: State, masks: dict[str, Bools]) -> None:
-    """Close in `masks`, by species (n, A), the actions whose cue is not shown; what a body is held to goes on."""
+    """Close in `masks`, by species (n, A), the actions whose cue is not shown; an action that binds a body goes on."""
     assert model.cued is not None
     assert state.cue is not None
     for (group, table), cue in zip(model.acting, model.cued, strict=True):

@@ -1,4 +1,4 @@
-"""Archipelago: worlds that live side by side, and exchange agents or breed from one pool."""
+"""Archipelago: worlds that run side by side, and exchange agents or breed from one pool."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ecology.spec import Birth, Species, require
 
 WHERE = ("ring", "all")  # besides a matrix
 WHO = ("random", "least drive", "most drive", "oldest", "youngest")
-ALIVE = "alive"  # fitness of 1 for whoever lives
-SELF = 1e-9  # by which the rows of a matrix may miss 1
+ALIVE = "alive"  # fitness of 1 for every living agent
+SELF = 1e-9  # by which the sum of a row of the matrix may differ from 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,17 +33,19 @@ class Island:
 
 @dataclass(frozen=True, kw_only=True)
 class Migration:
-    """Agents of a species that leave for other islands, at every exchange.
+    """Migration of agents of a species to other islands, at every exchange.
 
-    Every agent leaves at `rate`. Of those that would leave, as many do as there is room for where they go: a slot is
-    free there, or becomes free in the same exchange. An agent takes along its body, its serial and all that it has
-    learned, and starts where agents of its species start at birth.
+    Every agent is drawn to leave at `rate`. It leaves if its destination has room: a slot that is free, or becomes free
+    in the same exchange. An agent takes along its body, its serial and all that it has learned, and starts where agents
+    of its species start at birth.
     """
 
     species: str
     rate: float  # per unit of time and agent
-    where: str | tuple[tuple[float, ...], ...] = "ring"  # the next island, "all" others alike, or row i: shares from i
-    who: str = "random"  # or first those with the "least drive", the "most drive", the "oldest", the "youngest"
+    where: str | tuple[tuple[float, ...], ...] = (
+        "ring"  # "ring": the next island; "all": any other; or row i: shares from i
+    )
+    who: str = "random"  # who leaves first: "random", "least drive", "most drive", "oldest" or "youngest"
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -56,20 +58,20 @@ class Migration:
 
 @dataclass(frozen=True, kw_only=True)
 class Pool:
-    """One mating pool of all islands: a generation ends, and the next one is bred from all of it.
+    """One mating pool of all islands: each generation is bred from all agents of the one before.
 
-    After every `generation` all agents of the species are gone, and as many newborns start on every island as founders
-    did. Their parents are drawn from the agents of all islands that were alive, in proportion to their fitness. The
-    newborns of an island have one parent in common with a probability such that two of them descend from the same one
-    with the probability `relatedness`, besides chance. They inherit traits with mutation; they have learned nothing.
+    After every `generation`, all agents of the species are removed, and every island starts with as many newborns as it
+    had founders. Their parents are drawn from the living agents of all islands, in proportion to their fitness. Some
+    newborns of an island share one parent, so that two of them descend from the same one with the probability
+    `relatedness`, besides chance. Newborns inherit traits with mutation; they have learned nothing.
     """
 
     species: str
     generation: float  # units of time
     fitness: str = ALIVE  # 1 for the living, or the name of a need: its level above the lower bound
     relatedness: float = 0.0
-    parents: int = 1  # with 2, every trait comes from either by a coin
-    renew: bool = True  # whether stocks are as at the start in every generation
+    parents: int = 1  # with 2, every trait comes from one of them at random
+    renew: bool = True  # whether every generation starts with the initial stocks
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -81,9 +83,10 @@ class Pool:
 
 @dataclass(frozen=True, kw_only=True)
 class Archipelago:
-    """Islands, each a world of its own, and what passes between them.
+    """Islands, each a world of its own, and the migration or breeding between them.
 
-    `ecology archipelago` runs them, in processes here or as actors on a Ray cluster: bit for bit the same anywhere.
+    `ecology archipelago` runs them, in processes on this machine or as actors on a Ray cluster. The result is the same
+    everywhere, bit for bit.
     """
 
     name: str
@@ -118,7 +121,7 @@ class Archipelago:
         return [*(migration.species for migration in self.migrations), *pool]
 
     def check_worlds(self, worlds: list[Scenario]) -> None:
-        """Raise EcologyError where the islands' worlds do not fit what passes between them."""
+        """Raise EcologyError if the islands' worlds do not allow the migrations or the pool."""
         for i, world in enumerate(worlds):
             require(
                 world.dt == worlds[0].dt,
@@ -149,7 +152,7 @@ class Archipelago:
 def as_island(world: Scenario, island: Mapping[str, Any]) -> Scenario:
     """Return the world of an island: its serials are its own, and species that migrate there have room for newcomers.
 
-    `island` has the "number", the number of "islands" and the "species" that migrate; of no island if it is empty.
+    `island` has the "number", the number of "islands" and the "species" that migrate; it is empty outside archipelagos.
     """
     if not island:
         return world
@@ -161,7 +164,7 @@ def as_island(world: Scenario, island: Mapping[str, Any]) -> Scenario:
 
 
 def _check_matrix(owner: str, matrix: tuple[tuple[float, ...], ...], count: int) -> None:
-    """Raise EcologyError where a matrix is none of shares that leave from each of `count` islands."""
+    """Raise EcologyError unless a matrix has, for each of `count` islands, the shares that go to the others."""
     require(
         len(matrix) == count and all(len(row) == count for row in matrix),
         f"{owner}: the matrix is {count} by {count}, a row and a column per island.",

@@ -182,25 +182,25 @@ class Ecology(ParallelEnv):
         return self.world.settle(species, place, heading)
 
     def take_out(self, slots: Ints) -> tuple[Tick, Bodies]:
-        """Let the agents in `slots` (k,), of one species, leave between ticks; return the Tick and their bodies.
+        """Remove the agents in `slots` (k,), of one species, between ticks; return the Tick and their bodies.
 
-        Their slots are then as if nobody had lived there. `bring_in` of another world takes the bodies.
+        Their slots are then as if never used. `bring_in` of another world takes the bodies.
         """
         return self.world.take_out(slots)
 
     def bring_in(self, species: str, bodies: Bodies, rng: np.random.Generator) -> tuple[Tick, Ints]:
-        """Let agents that left another world arrive between ticks; return what is perceived, and their slots (k,).
+        """Add agents that left another world, between ticks; return the Tick and their slots (k,).
 
         They keep their serial, age, needs and traits, and start where agents of the species start at birth. Worlds that
-        exchange agents need serials of their own: `Scenario.numbering`. Raises EcologyError, the world being unchanged,
-        where slots are missing or the species is another one.
+        exchange agents need serials of their own: `Scenario.numbering`. Raises EcologyError and leaves the world
+        unchanged if there are too few free slots or the species differs.
         """
         return self.world.bring_in(species, bodies, rng)
 
     def breed(self, species: str, parents: Ints, traits: Floats | None, rng: np.random.Generator) -> tuple[Tick, Ints]:
-        """Let newborns start between ticks, with the serials of their `parents` (k,) and with `traits` (k, T).
+        """Add newborns between ticks, with the serials of their `parents` (k,) and with `traits` (k, T).
 
-        Returns what is perceived, and their slots (k,). Raises EcologyError where slots are missing.
+        Returns the Tick and their slots (k,). Raises EcologyError if there are too few free slots.
         """
         return self.world.breed(species, parents, traits, rng)
 

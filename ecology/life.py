@@ -154,7 +154,7 @@ def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, ali
 
 
 def bearers(birth: Birth, able: Bools, free: int, dt: float, rng: np.random.Generator, living: int = 0) -> Ints:
-    """Return which of those `able` (n,) bear in a tick, at most as many as slots are `free`, in random order.
+    """Return which of the `able` (n,) agents reproduce in a tick, at most as many as slots are `free`, in random order.
 
     `living` is how many of the species are alive, which counts where births have a limit.
     """

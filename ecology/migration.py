@@ -1,7 +1,7 @@
-"""Agents that leave a world between two ticks, and arrive in another: what of a body goes along.
+"""Agents that leave a world between two ticks and arrive in another.
 
-A body keeps its serial, its age, its needs, what it inherited and what it remembers. Where it is and whom it knows
-there belong to the place that it leaves.
+A body keeps its serial, its age, its needs, its traits and its memories. Its position and its relations to other agents
+stay behind.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def check(model: Model, species: str) -> None:
 
 
 def take_out(state: State, slots: Ints) -> Bodies:
-    """Return the bodies in `slots` (k,), and leave those slots as if nobody had lived there; `state` is a new one."""
+    """Return the bodies in `slots` (k,), and reset those slots as if never used; `state` is a new one."""
     bodies = {
         name: np.array(value[slots]) for name in GOES_ALONG if isinstance(value := getattr(state, name), np.ndarray)
     }
@@ -56,10 +56,10 @@ def take_out(state: State, slots: Ints) -> Bodies:
 
 
 def bring_in(model: Model, state: State, species: str, bodies: Bodies, rng: np.random.Generator) -> Ints:
-    """Let `bodies` of `species` live in free slots of `state`, a new one; return these slots (k,).
+    """Place `bodies` of `species` in free slots of `state`, a new one; return these slots (k,).
 
-    They start where the species' agents start at birth, drawn by `rng`. Raises EcologyError where there are too few
-    slots, or where the bodies are of another kind.
+    They start where the species' agents start at birth, drawn by `rng`. Raises EcologyError if there are too few
+    slots, or if the bodies are of another kind.
     """
     check(model, species)
     slots = _free(model, state, species, len(bodies["serial"]))
@@ -86,7 +86,7 @@ def breed(
 ) -> Ints:
     """Start newborns of `parents` (k,), serials of agents anywhere, in free slots of `state`; return the slots (k,).
 
-    `traits` (k, T) are what they inherit; where None, or without parents, they have none of their own.
+    They inherit `traits` (k, T); with None, or without parents, they have no traits of their own.
     """
     check(model, species)
     slots = _free(model, state, species, len(parents))

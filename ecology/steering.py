@@ -24,7 +24,7 @@ from ecology.state import Floats
 def steer_grid(speed: float, turn: float, *, speeds: int = 1, turns: int = 3, **rest_of: Any) -> tuple[Action, ...]:
     """Return moves on a grid of `speeds` up to `speed` and `turns` turn rates from -`turn` to `turn`, radians.
 
-    An odd number of turns has the one straight on. Other fields of an action, such as `control`, hold for all.
+    An odd number of turns includes going straight on. Other fields of an action, such as `control`, apply to all moves.
     """
     require(speeds >= 1 and turns >= 1, f"a grid has at least one speed and one turn, got {speeds!r} and {turns!r}.")
     rates = np.linspace(-turn, turn, turns) if turns > 1 else np.zeros(1)
@@ -66,8 +66,8 @@ class _Reach:
 class Steered(ParallelEnv):
     """A world in which every agent's action is one vector: speed, turn rate, and a score for every other action.
 
-    If the highest score of an open action is above 0, that action is executed. Else the body moves along its heading
-    at the speed and turn rate given; it pays for the slowest of its moves that is as fast.
+    If the highest score of an open action is above 0, that action is executed. Otherwise the body moves along its
+    heading at the given speed and turn rate, and pays for the slowest of its moves that is at least as fast.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "ecology_steered", "render_modes": ["rgb_array"],

@@ -42,7 +42,7 @@ def archipelago_names() -> list[str]:
 
 
 def archipelago_file(name: str) -> str:
-    """Return the path of the archipelago `name`, where one of that name ships; else `name`, the path of another."""
+    """Return the path of the shipped archipelago `name`; else `name` itself, taken as a path."""
     return str(ARCHIPELAGOS / f"{name}.py") if name in archipelago_names() else name
 
 
@@ -183,7 +183,7 @@ def load_archipelago(name: str, /, **changes: Any) -> Archipelago:
 
 
 def _built(name: str, changes: Mapping[str, Any]) -> Any:
-    """Return what `build` of a file returns, with the settings as they were resolved."""
+    """Return the result of `build` of a file, with the settings resolved."""
     build = module(name).build
     defaults = _defaults(name, build)
     resolved = {**defaults, **_checked(name, defaults, changes)}

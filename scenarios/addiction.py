@@ -1,9 +1,9 @@
-"""A set point that moves with what is taken: intake escalates with long access to a drug, and not with short access.
+"""A set point that moves with the intake of a drug: intake escalates with long access, and not with short access.
 
-Time is in trials of 4 s. A press infuses a dose into a buffer, an eighth of which enters the brain per trial, and the
-brain loses .7 %. The set point of the brain's level rises with every unit infused and falls back by itself, day and
-night, but never below where it began. At the set point h* the rate is .126 h* infusions an hour, so a day with T hours
-of access changes h* by .09 (.126 h* T + h* / 50) - 3.456: up only where T is more than 2.9 hours at h* = 100.
+Time is in trials of 4 s. A press infuses a dose into a buffer. Per trial, an eighth of the buffer enters the brain,
+and the brain loses .7 %. The set point of the brain's level rises with every unit infused and falls back by itself,
+day and night, but never below where it began. At the set point h* the rate is .126 h* infusions an hour, so a day with
+T hours of access changes h* by .09 (.126 h* T + h* / 50) - 3.456: up only where T is more than 2.9 hours at h* = 100.
 After Keramati, Durand, Girardeau, Gutkin and Ahmed (2017).
 """
 
@@ -24,8 +24,8 @@ def build(
     """Return the chamber with `hours` of access a day after a first day with one hour; `ticks` 0 means all days.
 
     A press is a dose per tick of dt trials.
-    In the night nothing happens but that h* recovers. It is `hurry` times as short, and the recovery as many times as
-    fast.
+    At night, nothing but the recovery of h* happens. The night is `hurry` times shorter, and the recovery `hurry` times
+    faster.
     """
     level = Need(
         name="level", set_point=START, start=0.0, leak=LEAVES, bounds=(0.0, 400.0), set_range=(START, MOST),

@@ -1,8 +1,8 @@
-"""Tolerance to what cools the body: shivering an hour before the ethanol, when the light announces it.
+"""Tolerance to ethanol, which cools the body: shivering an hour before it, when a light announces it.
 
-One trial a day. While the light is on the rat may shiver; sixty minutes later it is given ethanol, or nothing. Time is
-in minutes, temperature h is a change from normal, in degrees, and the drive is |h|. Both responses are sums of two
-exponentials, each two compartments that leak:
+There is one trial a day. While the light is on, the rat may shiver; sixty minutes later it is given ethanol, or
+nothing. Time is in minutes, temperature h is a change from normal, in degrees, and the drive is |h|. Both responses
+are sums of two exponentials, each two compartments that leak:
 
     ethanol      1.9635 (exp(-.04064 L) - exp(-.003632 L)),   coldest -1.41 at L = 65
     shivering    .015 L exp(-.0047045 L),                     warmest +1.17 at L = 213
@@ -51,7 +51,7 @@ def build(gamma: float = 0.99, dt: float = 10.0, count: int = 1, ticks: int = 0)
     rat = Species(
         name="rat",
         needs=needs,
-        # it may always groom, which does nothing: where there is no choice, f/J take all that follows for one movement
+        # grooming is always open and does nothing: without a choice, f/J would take all that follows for one movement
         actions=(rest(), act("shiver", cue="light", control=shiver), act("groom")),
         cues=("light",),
         count=count,

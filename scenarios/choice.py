@@ -1,7 +1,7 @@
 """Choices that the drive itself decides: food or water, how much, and the sure meal or the risky one of the same mean.
 
-A body stands where it reaches all: a `sure` meal of food, a `risky` one that fails with 1 - chance and is the larger
-by as much, and water. What the paper's drive d = |delta| says of it, in closed form:
+A body reaches three things from its place: a `sure` meal of food, a `risky` one that fails with probability 1 - chance
+and is larger by the same factor, and water. The paper's drive d = |delta| predicts in closed form:
 
     deprivation  food is preferred where m_1 |delta_1| > m_2 |delta_2|, to first order in the meals
     dose         a meal is best stopped where t m = |delta_1|
@@ -29,8 +29,8 @@ def build(
 ) -> Scenario:
     """Return the chamber; a `meal` is units of food per tick, on average, a `drink` of water.
 
-    `exponent` is of the drive, 1 the paper's; without `water` there is one need. Needs lie within `wide` of their set
-    points.
+    `exponent` is that of the drive, 1 in the paper; without `water` there is one need. Needs stay within `wide` of
+    their set points.
     """
 
     def need(name: str) -> Need:

@@ -1,13 +1,13 @@
 """The paradox of enrichment: a richer world makes prey and predators cycle (Rosenzweig and MacArthur).
 
-Prey N bear at r (1 - N / K) per head. A predator finds prey at the rate a, handles each for the time h, and e of a
-predator is born of every prey; predators die at m:
+Prey N reproduce at r (1 - N / K) per head. A predator finds prey at the rate a and handles each for the time h. Every
+prey taken yields e newborn predators; predators die at m:
 
     dN/dt = r N (1 - N / K) - a N P / (1 + a h N),    dP/dt = e a N P / (1 + a h N) - m P
 
 N is at rest at m / (a (e - m h)), which is stable up to K_c = (e + m h) / (a h (e - m h)) and a limit cycle above it.
-Everybody is anywhere in every tick, as the equations say. Numbers are `scale` times those of the equations with
-a = .001, h = 10, e = .5, m = .015: the larger, the less chance there is in them.
+All agents are placed at random in every tick, as the equations assume. Numbers are `scale` times those of the equations
+with a = .001, h = 10, e = .5, m = .015: the larger `scale`, the smaller the role of chance.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ K_CRITICAL = (BORN + DIES * HANDLES) / (FINDS * HANDLES * (BORN - DIES * HANDLES
 
 
 def p_rest(capacity: float, growth: float) -> float:
-    """Return the predators at rest, of the equations."""
+    """Return the number of predators at equilibrium, from the equations."""
     return growth / FINDS * (1 - N_REST / capacity) * (1 + FINDS * HANDLES * N_REST)
 
 
@@ -38,7 +38,7 @@ def build(
     predators = max(round(scale * p_rest(max(capacity, 1.2 * N_REST), growth)), 1)
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
-        """Put everybody alive anywhere, and let a predator be born of a share e of the kills."""
+        """Place all living agents at random, and let a predator be born of a share e of the kills."""
         outcome, state = world.nothing(), world.state
         anywhere = side * rng.random(state.position.shape)
         outcome.position = np.where(state.alive[:, None], anywhere, state.position)

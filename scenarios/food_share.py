@@ -46,7 +46,7 @@ def rule(world: World, rng: np.random.Generator) -> Outcome:
 
 
 def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
-    """Return what to draw: food in the hand of every living possessor, and the way on which it passes it."""
+    """Return the lines to draw: food in the hand of every living possessor, and the path along which it is passed."""
     pairs = len(state.alive) // 2
     hands = [i for i in range(pairs) if state.alive[i]]
     return {

@@ -48,7 +48,7 @@ def rule(world: World, rng: np.random.Generator) -> Outcome:
 
 
 def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
-    """Return what to draw: the cells of every corridor, the food in its first one, and food in hand."""
+    """Return the lines to draw: the cells of every corridor, the food in its first one, and food in hand."""
     pairs = len(state.alive) // 2
     rows = [APART * i for i in range(pairs)]
     cells = [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1), (x, y)] for y in rows for x in map(float, range(CELLS))]

@@ -1,9 +1,9 @@
-"""Cooling ahead of a heat load: a light announces, some time before, that it will be too hot to react in time.
+"""Cooling ahead of a heat load: a light announces the load, and an agent that waits for it cannot cool in time.
 
-Body temperature T falls to that of the room, dT = (u + load - (T - 25) / 10) / 30 per unit of time, and u from -5 to 5
-is the body's own doing. The set point is 36, and outside 32 to 42 the agent dies. A load of 10 outdoes any cooling:
+Body temperature T falls to that of the room, dT = (u + load - (T - 25) / 10) / 30 per unit of time, and the agent
+controls u from -5 to 5. The set point is 36, and outside 32 to 42 the agent dies. A load of 10 exceeds any cooling:
 T approaches 75 with the time constant 300, so that an agent at 36.27 is dead after 48 units unless it was cooler at
-the start. It is told by a light `lead` units before, and remembers the light by a fading trace.
+the start. A light announces the load `lead` units before, and the agent remembers it by a fading trace.
 After Yoshida, Sprekeler and Gutkin (2025).
 """
 
@@ -32,7 +32,7 @@ def build(
 ) -> Scenario:
     """Return the chamber; `levels` of u are evenly from -5 to 5, the gap between trials has the mean `gap`.
 
-    With `lethal` False the body survives any temperature and stays within 32 and 42, as young learners need it.
+    With `lethal` False the body survives any temperature and stays within 32 and 42, which young learners need.
     """
     temperature = Need(
         name="temperature", set_point=36.0, decay=-ROOM / COUPLING / INERTIA, leak=1 / COUPLING / INERTIA,

@@ -1,8 +1,8 @@
-"""How many prey a hunter takes as there are more of them: Holling's disc equation (1959).
+"""Number of prey that a hunter takes, by the density of prey: Holling's disc equation (1959).
 
 Prey of density N are searched for at the rate a = 2 R v, reach times speed, and each takes the time h to handle:
-a hunter takes f = a N / (1 + a h N) per unit of time. A prey that is bitten is put elsewhere, so its density stays as
-it is; prey do not move, and hunters walk straight on through a square without walls.
+a hunter takes f = a N / (1 + a h N) per unit of time. A bitten prey is moved elsewhere, so the density stays the same.
+Prey do not move, and hunters walk straight on through a square without walls.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ NEAR = 3.0  # how far hunters see, length
 
 
 def scatter(world: World, rng: np.random.Generator) -> Outcome:
-    """Put the bitten anywhere."""
+    """Move bitten prey to random places."""
     outcome, state = world.nothing(), world.state
     bitten = state.bit[state.bit >= 0]
     if bitten.size:

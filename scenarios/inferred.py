@@ -1,9 +1,9 @@
 """Food shared with a partner whose hunger shows in signs alone: empathy has to be learned.
 
-`food_share` with one difference: what the partner feels is not sensed. Both bodies show a display, which says whether
-their energy is high, and is wrong in a share `noise` of all ticks. An agent that learns what the display goes with in
-itself (the learner `inferring`) can infer from the partner's what the partner feels. Man and Yoshida (2025) train a
-decoder for this.
+This is `food_share` with one difference: an agent cannot sense what its partner feels. Both bodies show a display,
+which says whether their energy is high, and is wrong in a share `noise` of all ticks. An agent that learns which of
+its own drives go with its own display (the learner `inferring`) can infer from the partner's display what the partner
+feels. Man and Yoshida (2025) train a decoder for this.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ KNOWS = ("signs", "energy", "nothing")  # what is sensed of the partner
 def build(
     senses: str = "signs", weight: float = 0.5, noise: float = 0.1, pairs: int = 1, ticks: int = 5_000
 ) -> Scenario:
-    """Return the set-up; of the partner are sensed its "signs", its "energy" itself, or "nothing"."""
+    """Return the set-up; agents sense their partner's "signs", its "energy" itself, or "nothing"."""
     from ecology import EcologyError
 
     if senses not in KNOWS:
@@ -31,7 +31,7 @@ def build(
     possessor, partner = world.species
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
-        """Feed one of each pair as `food_share` does, and let both show how they are."""
+        """Feed one of each pair as `food_share` does, and update both displays."""
         outcome = food_share.rule(world, rng)
         x = world.state.internal
         for name in ("possessor", "partner"):

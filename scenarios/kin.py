@@ -1,10 +1,11 @@
-"""Whether help evolves: Hamilton's rule for how much an agent feels of those it lives with.
+"""Evolution of help: Hamilton's rule for how much an agent feels of the members of its group.
 
-Agents live in groups of `size`. At every chance an agent may give: it costs it c and brings b = 1 to one other of its
-group. An agent that feels w times what others feel gives where w > c. At the end of a generation all are replaced:
-everybody of the whole population is a parent in proportion to its energy, and a child has w of its parent, with
-mutation. In every group one parent is the founder, and each member is its child with probability sqrt(r), else the
-child of anybody: two members of a group are related by r. There is no competition within groups (Taylor 1992).
+Agents live in groups of `size`. At every chance an agent may give: giving costs it c and brings b = 1 to one other
+member of its group. An agent that feels w times what others feel gives if w > c. At the end of a generation, newborns
+replace all agents. Parents are drawn from the whole population in proportion to energy, and a child inherits w from
+its parent, with mutation. One parent is the founder of each group. Each member is the founder's child with probability
+sqrt(r), else the child of another parent, so two members of a group are related by r. There is no competition within
+groups (Taylor 1992).
 
 With one c, weights above it spread where r > c (Hamilton 1964; robots: Waibel, Floreano and Keller 2011). Where c is
 drawn from 0 to 1 at every chance, w = r is stable.
@@ -35,13 +36,13 @@ def build(
 ) -> Scenario:
     """Return the groups; with `varied` the cost is drawn anew from 0 to 1 at every chance, else it is `cost`.
 
-    With `felt` False w is a number that agents have, and nothing is felt: fast, for agents that act by w itself.
+    With `felt` False, w is only a number of each agent, and nothing is felt: fast, for agents that act by w itself.
     """
     count = groups * size
     child = math.sqrt(relatedness)
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
-        """Let those who give give to one of their group, set the next cost, and let generations follow each other."""
+        """Let givers give to a member of their group, set the next cost, and replace generations."""
         outcome, state = world.nothing(), world.state
         living = np.flatnonzero(state.alive)
         home = np.column_stack([np.repeat(np.arange(groups), size) * APART + APART / 2, np.ones(count)])

@@ -1,10 +1,9 @@
 """Four laws in as few components as each needs, for bodies that do one thing all the time.
 
-competition  two species eat from one pool, each gets appetite times the share S / K that the pool holds. Species i
+competition  two species eat from one pool; each gets appetite times the share S / K that the pool holds. Species i
              keeps its energy where S / K = cost / appetite; the one with the lower R* wins (Tilman 1982)
 noise        a need with a leak and a noise has the variance noise^2 / (2 leak) (Ornstein and Uhlenbeck)
-drift        in a population of n that stays as large as it is, a neutral marker is all there is in the end with the
-             probability 1 / n
+drift        in a population of constant size n, a neutral marker is fixed with the probability 1 / n
 growth       births at the rate b from the age a on and deaths at m: numbers grow at r with
              b exp(-(r + m) a) = r + m (Euler and Lotka)
 """

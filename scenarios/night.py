@@ -2,12 +2,13 @@
 
 Time is in hours. Sleepiness S rises to 1 with the time constant 18.2 h awake and falls to 0 with 4.2 h asleep. A body
 that falls asleep at S = .62 and wakes at .09 is awake for 18.2 ln(.91 / .38) = 15.9 h and asleep for
-4.2 ln(.62 / .09) = 8.1 h (Borbely 1982); thresholds that swing with the day hold it to an hour.
+4.2 ln(.62 / .09) = 8.1 h (Borbely 1982); thresholds that swing with the day keep sleep at a fixed hour.
 
-There is food from 0 to 16 h alone. A `steady` meal fails seldom, a `patchy` one nearly always and is as much larger.
-At dusk the body needs what the night takes, R. With a mean mu at dusk and a standard deviation sigma it lives through
-the night with probability Phi((mu - R) / sigma): steady meals where mu > R, patchy ones where mu < R (Stephens 1981).
-The drive alone is averse to risk, so only an agent whose J knows death does the second.
+There is food only from 0 to 16 h. A `steady` meal seldom fails; a `patchy` one nearly always fails, and is larger by
+the same factor. At dusk the body must have R, the energy that the night takes. With a mean mu at dusk and a standard
+deviation sigma, it survives the night with probability Phi((mu - R) / sigma). So steady meals are better where mu > R,
+and patchy ones where mu < R (Stephens 1981). The drive alone is averse to risk, so only an agent whose J knows death
+chooses patchy meals.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def build(
 ) -> Scenario:
     """Return the chamber; `mean` is what an hour of foraging brings, `night` is R, `start` the energy at first.
 
-    Energy is lost by night alone.
+    Energy is lost only at night.
     """
 
     def share(chance: float) -> float:

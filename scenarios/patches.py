@@ -1,11 +1,11 @@
 """When to leave a patch: it yields less and less, and the next one is a walk away.
 
 A patch of A units gives A (1 - exp(-l t)) to an agent that eats there for a time t, and is full again when the agent
-has left it. The other one is `travel` away. Charnov's marginal value theorem (1976): the rate of intake is highest for
-an agent that leaves when the patch yields no more than the mean rate, exp(l t) = 1 + l (t + travel).
+has left it. The other patch is `travel` away. Charnov's marginal value theorem (1976): the rate of intake is highest
+for an agent that leaves when the patch yields no more than the mean rate, exp(l t) = 1 + l (t + travel).
 
-An agent that discounts its future by gamma leaves at another time. A unit eaten at s is worth gamma^s, so it has the
-most by the t that maximises (1 - exp(-(l + rho) t)) / (1 - exp(-rho (t + travel))), rho = -ln(gamma).
+An agent that discounts its future by gamma leaves at another time. A unit eaten at s is worth gamma^s, so its
+best t is the one that maximises (1 - exp(-(l + rho) t)) / (1 - exp(-rho (t + travel))), rho = -ln(gamma).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ UNMET = 1000.0  # set point: far above all that is eaten
 
 
 def refill(world: World, rng: np.random.Generator) -> Outcome:  # noqa: ARG001
-    """Fill the patches in which nobody stands."""
+    """Fill the patches in which no agent stands."""
     outcome, state = world.nothing(), world.state
     left = ~(state.inside & state.alive[:, None]).any(axis=0)
     outcome.stock = np.where(left, A - state.stock, 0.0)

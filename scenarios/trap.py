@@ -68,7 +68,7 @@ def rule(world: World, rng: np.random.Generator) -> Outcome:
 
 
 def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
-    """Return what to draw: where feet reach, food in hand, and the bars before one that is trapped."""
+    """Return the lines to draw: the reach of the feet, food in hand, and bars before a trapped agent."""
     living = [i for i in range(len(state.alive)) if state.alive[i]]
     trapped = [i for i in living if state.internal[i, 0] < TRAPPED]
     bars = [-0.08, -0.03, 0.03, 0.08]

@@ -1,9 +1,9 @@
-"""Two pools that are filled at two rates, and agents that share what there is: the ideal free distribution.
+"""Two pools that are filled at two rates, and agents that share them: the ideal free distribution.
 
-Q1 and Q2 flow into the pools per unit of time, and all who eat at one share it. Agents that cannot be sated and know
-what they would get at either are where it is the same: N1 / N2 = Q1 / Q2, of slope 1 in logarithms. Where each goes to
-a pool at random with probability epsilon and the others do not make up for it, N1 / N is
-(1 - epsilon) Q1 / Q + epsilon / 2.
+Q1 and Q2 flow into the pools per unit of time, and the agents at a pool share its inflow. Agents that cannot be sated,
+and know what they would get at either pool, distribute themselves so that it is the same: N1 / N2 = Q1 / Q2, a line of
+slope 1 in logarithms. If each agent chooses a pool at random with probability epsilon, and the others do not make up
+for it, N1 / N is (1 - epsilon) Q1 / Q + epsilon / 2.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""f/J that infer what others feel from their signs, by what the same signs go with in themselves.
+"""f/J agents that infer what others feel from their signs, by what the same signs mean in themselves.
 
 An agent knows its own drive, and its own signs: the needs that others can sense of it, such as posture or a display.
-It remembers both, and expects of another with a sign s the mean of its own drives at signs near s (a kernel regression,
-Nadaraya and Watson 1964). What it feels of the other is that, times how much it cares. It never reads the component
-`felt` of zeta, which holds the truth. Without signs it expects the mean of its own drives; where it feels nobody, it
-is `hjb`.
+It remembers both. For another agent with a sign s, it expects the mean of its own drives at signs near s (a kernel
+regression, Nadaraya and Watson 1964). It feels this expected drive, times its weight of empathy. It never reads the
+component `felt` of zeta, which holds the truth. Without signs it expects the mean of its own drives. An agent that
+feels no other is the same as `hjb`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Inferring(HJB):
         return found
 
     def read(self, observations: np.ndarray) -> np.ndarray:
-        """Return zeta (n, D) with what is inferred in the place of what is felt."""
+        """Return zeta (n, D) with the inferred drive in place of the felt one."""
         if self.felt < 0:
             return observations
         found = np.array(observations)
@@ -68,11 +68,11 @@ class Inferring(HJB):
         return found
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
-        """Act on what is inferred."""
+        """Act on zeta with the inferred drive."""
         return super().act(self.read(observations), masks)
 
     def learn(self, transition: Transition) -> None:
-        """Note one's own signs and drive, and take in one tick as it is inferred."""
+        """Remember the agent's own signs and drive, and learn from one tick with the inferred drive."""
         if self.felt < 0:
             super().learn(transition)
             return

@@ -440,7 +440,7 @@ class HJB(Learner):
         return found
 
     def pack(self, slots: np.ndarray) -> Mapping[str, np.ndarray]:
-        """Return all that the agents in `slots` (k,) have become, of their memories only what is filled."""
+        """Return all that the agents in `slots` (k,) have learned, with only the filled part of their memories."""
         rows = self.device.on(slots)
         used = min(int(self.memory.count[slots].max(initial=0)), self.memory.capacity)
         found = {name: array[slots] for name, array in self._life().items()}
@@ -450,7 +450,7 @@ class HJB(Learner):
         return found
 
     def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
-        """Let the agents in `slots` (k,) be those that another learner with these settings has packed."""
+        """Load agents that another learner with these settings has packed into `slots` (k,)."""
         self.record.forget(slots)
         held, life, rows = self._held(), self._life(), self.device.on(slots)
         if packed.keys() != held.keys() | life.keys():

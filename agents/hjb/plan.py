@@ -1,6 +1,6 @@
 """The plan behind a decision, for observers: the best movements that the lookahead finds, and where they lead.
 
-The same beam search as the devices', over all predicted states of a depth at once; it changes nothing.
+It runs the same beam search as the devices do, over all predicted states of a depth at once, and changes nothing.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class Nodes(NamedTuple):
 
 
 def best_plan(learner: HJB, slot: int, zeta: np.ndarray, open_: np.ndarray) -> Plan | None:
-    """Return the best plan of the agent in `slot` at zeta (D,) with the movements `open_` (M,), by what it knows now.
+    """Return the best plan of the agent in `slot` at zeta (D,) with movements `open_` (M,), by its present knowledge.
 
-    None where it does not score whole movements, or where its networks are not held as NumPy arrays.
+    None if the learner does not score whole movements, or if its networks are not NumPy arrays.
     """
     s = on_device(learner.encoding, torch.device("cpu"))
     if not s.finite or not isinstance(learner.weights.f, np.ndarray) or not open_.any():

@@ -1,1 +1,1 @@
-"""Those who watch a run and change nothing: recorder, rerun, picture."""
+"""Observers, which watch a run and change nothing: recorder, rerun, picture."""

@@ -14,7 +14,7 @@ from ecology.world import Tick
 
 
 class Mind(Protocol):
-    """What a learner shows of itself to those who watch; every learner does."""
+    """The part of a learner that observers can see; every learner has it."""
 
     def report(self) -> Mapping[str, np.ndarray]:
         """Return numbers by name, each (n,), one per slot of the species: losses, epsilon, ..."""
@@ -43,7 +43,7 @@ class Mind(Protocol):
 
 
 class Observer(Protocol):
-    """Someone who watches a run; a class derived from it defines only the methods that it needs.
+    """Observer of a run; a class derived from it defines only the methods that it needs.
 
     A run calls three more methods of observers that have them: `flush()` before a checkpoint; `intervened(state, text,
     said)` after an intervention, with the state after it, its line and what was done; and `held()` now and then while

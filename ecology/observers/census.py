@@ -40,7 +40,7 @@ class Happening:
     kind: str
     tick: int
     time: float
-    slot: Ints  # (k,) to whom it happened, or who did it
+    slot: Ints  # (k,) agent to which it happened, or that did it
     serial: Ints  # (k,)
     place: Floats  # (k, 2)
     other: Ints  # (k,) slot of the parent, the killer, the bitten or the one given to, -1 without
@@ -208,12 +208,12 @@ def mean(value: Floats) -> float:
     return float(value.mean()) if value.size else np.nan
 
 
-# ---- who is looked at --------------------------------------------------------------------------
+# ---- the agent in focus ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A decision of who is looked at, as it stands after a tick."""
+    """The decision of the agent in focus, as it stands after a tick."""
 
     tick: int
     time: float
@@ -226,7 +226,7 @@ class Choice:
 
 @dataclass
 class Life:
-    """What n samples show of who is looked at; a series breaks where it is NaN."""
+    """The data of n samples about the agent in focus; a series breaks where it is NaN."""
 
     tick: Ints  # (n,)
     time: Floats  # (n,)
@@ -279,7 +279,7 @@ class Focus:
         return focus
 
     def turn(self, env: Ecology, word: str) -> None:
-        """Ask for someone else in a world that lives; `look` then finds who it is.
+        """Request another focus in a running world; `look` then finds the agent.
 
         Raises EcologyError where nobody of that name lives, and asks for nobody.
         """

@@ -39,7 +39,7 @@ RECENT = 50  # samples after which the colour scale of the drive may be lowered
 
 
 def colour_name(shade: Colour) -> str:
-    """Return what a colour is called: the nearest of the palette, of white and of black."""
+    """Return the name of a colour: the nearest of the palette, white and black."""
     known = {**dict(zip(NAMES, PALETTE, strict=True)), "white": (245, 245, 245)}
     return min(known, key=lambda name: sum((a - b) ** 2 for a, b in zip(known[name], shade, strict=True)))
 
@@ -121,10 +121,10 @@ def round_up(value: float) -> float:
 
 
 class Top:
-    """The drive at the top of the colour scale: it follows the drives that there are."""
+    """The drive at the top of the colour scale, which follows the drives of the living agents."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Begin at the top of the scale that the needs of a scenario suggest."""
+        """Start with the top of the scale that the needs of a scenario suggest."""
         self._least = highest_drive(scenario) / 50
         self._recent: deque[float] = deque(maxlen=RECENT)
         self.value = 0.0

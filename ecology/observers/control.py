@@ -1,4 +1,4 @@
-"""Controls of a run that is served: pause, step, pace, and waiting for those who watch.
+"""Controls of a run that is served: pause, step, pace, and waiting for viewers.
 
 A run asks `Control.hold` before every tick whether it has to wait; orders come from other threads. Nothing here
 changes what happens in a tick, only when it begins.
@@ -122,7 +122,7 @@ class Control:
             self._note(time.monotonic(), tick)
 
     def sent(self, tick: int) -> None:
-        """Note that the picture of `tick` was sent to those who watch."""
+        """Note that the picture of `tick` was sent to the viewers."""
         with self._lock:
             self._sent = tick
 

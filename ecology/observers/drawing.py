@@ -18,7 +18,7 @@ panels/, say what is sampled and drawn:
     learning/SPECIES/{losses,numbers,error,J,met}   of Mind.report(), mean over the living, losses as
                             log10; of the focus: f's error, J, and the discounted drive met afterwards
     population/{count,flow,drive,stocks,measures}, population/ages/SPECIES, population/coupling/SPECIES
-    events/SPECIES          TextLog: who was born, died, bit, gave, ate, slept
+    events/SPECIES          TextLog: births, deaths, bites, gifts, meals, sleep
     minds/AGENT/decision    of every agent where there are few: its decisions, as they were made
     fork/...                arena and decisions of the other future, where the run was forked while it was watched
     futures/{living,drive,apart,text}   both futures in one picture, and what differs

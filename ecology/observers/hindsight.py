@@ -85,7 +85,7 @@ class Hindsight:
         )
 
     def who(self, click: Click) -> str | None:
-        """Return the name of whom a click means, who had the slot at that tick; None of anything else."""
+        """Return the name of the clicked agent, which had the slot at that tick; None if no agent was clicked."""
         for name, (ticks, serials) in self._serials.items():
             if click.entity == f"{AGENTS}/{name}" and click.row < serials.shape[1]:
                 row = len(ticks) if click.tick is None else int(np.searchsorted(ticks, click.tick, side="right"))

@@ -87,7 +87,7 @@ LIFE = rows(
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 STRIP = columns(Count, Drives)  # below the minds of a crowd
 BELOW: Sequence[type[Panel]] = (Here, Maps, Events)  # the arena
-UNSEEN: Sequence[type[Panel]] = (Minds,)  # recorded for who looks back
+UNSEEN: Sequence[type[Panel]] = (Minds,)  # recorded for looking back
 FORK: Sequence[type[Panel]] = (*(kind for kind in ARENA if kind is not Legend), DecisionTable)  # of the other future
 UNTOUCHED = (  # of the plane: all but the bodies
     *("walls", "floor", "axes", "legend", "fields", "doors", "resources", "trail", "marks", "props"),
@@ -151,7 +151,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
 
 
 def _time_panel(scene: Scene) -> rrb.TimePanel:
-    """Return the time line: at its end, or played over and over where nobody lives there any more."""
+    """Return the timeline: at its end, or looping if no agent is alive at its end."""
     if scene.lived_until is None:
         return rrb.TimePanel(timeline="tick", play_state="following", state="collapsed")
     lived = AbsoluteTimeRange(0, scene.lived_until)
@@ -166,7 +166,7 @@ def _views(scene: Scene, kind: type[Panel], name: str = "") -> list[rrb.View | r
 
 
 def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
-    """Return J of a species' focus here and now beside the maps at made-up states."""
+    """Return the map of J at the present state of a species' agent in focus, beside the maps at made-up states."""
     shown = [*([] if name in scene.chosen else _views(scene, Here, name)), *_views(scene, Maps, name)]
     if not shown:
         return []
@@ -175,7 +175,7 @@ def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
 
 
 def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -> Any:
-    """Return the container of a box; what has no view is left out, and a box of one is that one."""
+    """Return the container of a box; panels without views are left out, and a box of one panel is that panel."""
     shown: list[Any] = []
     shares = []
     for i, part in enumerate(box.parts):
@@ -196,7 +196,7 @@ def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -
 
 
 def _futures(scene: Scene, names: Sequence[str]) -> rrb.Container:
-    """Return both futures in one picture: the decisions of those in focus, and what differs."""
+    """Return both futures in one picture: the decisions of the agents in focus, and the differences."""
     first = next((name for name in names if scene.decides[name]), None)
     decisions = [
         rrb.TextDocumentView(origin=f"{below}/focus/{first}/decision", name=f"{title}: decision in force")

@@ -33,7 +33,7 @@ class Mailbox:
 
     def answer(self, word: str, said: str, *, done: bool) -> None:
         """Answer the request `word`: whether it was `done`, and what to tell."""
-        with contextlib.suppress(OSError):  # who asked may be gone
+        with contextlib.suppress(OSError):  # the requester may be gone
             _write(self._file, {self._kind: word, "answer": said, "done": done})
 
 

@@ -1,4 +1,4 @@
-"""The mind of one agent, drawn beside the arena of a film: its needs, and the decision that it acts on."""
+"""Picture of one agent's needs and current decision, drawn beside the arena of a film."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class MindPicture:
         self._needs, self._decision = needs, decision
 
     def draw(self, who: Followed | None) -> None:
-        """Draw an agent as it is; nothing of nobody."""
+        """Draw the agent's present state; draw nothing if there is no agent."""
         self._needs.clear()
         self._decision.clear()
         self._decision.set_axis_off()

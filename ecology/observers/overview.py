@@ -1,4 +1,4 @@
-"""An archipelago in the Rerun viewer: a tile per island, who went where, and every island's numbers over time."""
+"""An archipelago in the Rerun viewer: a tile per island, the migrations, and every island's numbers over time."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Overview:
     def __init__(
         self, path: Path, name: str, worlds: Sequence[Scenario], passing: Sequence[str], *, after: int | None = None
     ) -> None:
-        """Record the islands `worlds` to `path`; `after` a tick, go on with what is recorded up to there.
+        """Record the islands `worlds` to `path`; with `after`, continue the recording after that tick.
 
-        `passing` says what passes between them: "passed" for migrants, "pool" for a common pool.
+        `passing` lists the kinds of exchange: "passed" for migrants, "pool" for a common pool.
         """
         self._passing = passing
         self._path, self._worlds, self._target = path, worlds, path
@@ -142,7 +142,7 @@ class Overview:
         self._rec.log("world/went", rr.Clear(recursive=False))
 
     def passed(self, tick: int, origin: np.ndarray, to: np.ndarray, refused: int) -> None:
-        """Show who went where, an island of `origin` (m,) and of `to` (m,) for each, and how many found no room."""
+        """Show the migrants, with islands `origin` (m,) and `to` (m,), and the number that found no room."""
         self._rec.set_time("tick", sequence=tick)
         ways, count = np.unique(np.column_stack([origin, to]), axis=0, return_counts=True)
         middle = [self._corner(i) + 0.5 for i in range(len(self._worlds))]

@@ -122,7 +122,7 @@ class Page:
         named: Callable[[str], bytes | None],
         desk: Desk,
     ) -> None:
-        """Show the recording `file` from now on to whoever loads the page; `desk` still tells pages that are open."""
+        """Show the recording `file` to pages that are loaded from now on; `desk` still informs pages that are open."""
         self._show([file.name], hear, {file.name: file}, None, named)
         served: Any = self._served
         served.desk = desk

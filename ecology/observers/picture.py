@@ -36,10 +36,10 @@ def draw(scenario: Scenario, state: State) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Shot:
-    """How a world is taken."""
+    """Settings of a picture: size, camera and trails."""
 
     size: tuple[int, int] = SIZE  # pixels
-    zoom: float | None = None  # by which an agent that is followed is taken closer, None: the whole arena
+    zoom: float | None = None  # zoom factor of a camera that follows an agent, None: the whole arena
     trail: int = 0  # frames of the trails
     beside: bool = False  # whether needs and decision of an agent stand beside the arena
 
@@ -150,11 +150,11 @@ class Picture:
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _moves(self, shown: Frame) -> bool:
-        """Return whether the camera goes with an agent."""
+        """Return whether the camera follows an agent."""
         return self._shot.zoom is not None and shown.followed is not None
 
     def _follow(self, shown: Frame) -> None:
-        """Draw the trails and the ring, and let the camera go with the agent that is followed."""
+        """Draw the trails and the ring, and move the camera to the agent that it follows."""
         self._past.append(shown.position)
         if self._shot.trail:
             lines = np.stack(self._past, axis=1)  # (N, frames, 2)

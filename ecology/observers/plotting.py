@@ -71,9 +71,9 @@ def new_figure(size: tuple[float, float], **settings: Any) -> Figure:
 
 
 def save_figure(figure: Figure, path: Path, dpi: float) -> None:
-    """Write a figure to the PNG file `path`, and beside it as SVG and PDF; each is there whole or not at all."""
+    """Write a figure to the PNG file `path`, and beside it as SVG and PDF, each atomically."""
     for target in (path, *(path.with_suffix(ending) for ending in ENDINGS)):
-        # without the time, so that the same figure is the same file
+        # without the date, so that the same figure gives the same file
         dated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(target.suffix)
         beside = target.with_name(target.name + ".new")
         figure.savefig(beside, dpi=dpi, format=target.suffix[1:], metadata=dated)

@@ -63,7 +63,7 @@ def span(path: Path) -> tuple[int, int]:
 
 
 def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: str | None = None) -> list[Frame]:
-    """Return the frames of a run with the needs and the decision of the agent `who`, or of the first that lives."""
+    """Add to the frames of a run the needs and the decision of the agent `who`, or of the first living agent."""
     with complete(run) as source:
         entities = {s.name: f"/world/agents/{s.name}" for s in scenario.species if s.slots}
         serials = {name: column(source, entity, "serial") for name, entity in entities.items()}
@@ -95,7 +95,7 @@ def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: st
 def _meant(
     scenario: Scenario, serials: Mapping[str, Mapping[int, Any]], frames: Sequence[Frame], who: str | None
 ) -> tuple[Species, int]:
-    """Return species and serial of the agent that a name means; EcologyError where the frames do not hold it."""
+    """Return species and serial of the named agent; raise EcologyError if the frames do not contain it."""
     known = {s.name: s for s in scenario.species}
     if who is None:
         name = next(iter(serials))

@@ -238,7 +238,7 @@ class RerunObserver:
         return bool(names)
 
     def _turn(self, who: str) -> str | None:
-        """Bring `who` into focus, in both futures where it lives in both; return why it cannot be."""
+        """Bring `who` into focus, in both futures if it is alive in both; return the reason if that is impossible."""
         if self._side is not None:
             self._side.sampler.turn(who)
         return self._sampler.turn(who)
@@ -249,7 +249,7 @@ class RerunObserver:
             each.put(pickle.dumps(("lay_out", (self._scene.first,))))
 
     def forked(self, name: str, change: str, focus: Sequence[str] = ()) -> Side:
-        """Show the future `name` of this run beside it from now on; return who watches it, an observer of that run."""
+        """Show the fork `name` beside this run from now on; return the observer to attach to the fork."""
         self._send()
         asked = [self._sampler.focus.name(species) for species in self._scene.groups]
         asked = [each for each in asked if not each.startswith("no ")]
@@ -352,7 +352,7 @@ class RerunObserver:
 
 
 class Side(Observer):
-    """Watches the other future of a run for the one who shows both."""
+    """Watches the fork of a run for the observer that shows both."""
 
     def __init__(
         self,
@@ -360,11 +360,11 @@ class Side(Observer):
         asked: Sequence[str],
         opened: Callable[[Scene], None],
     ) -> None:
-        """Watch it by the `words` of a `Sampler`, with those in focus who are `asked` for; `opened` takes its scene."""
+        """Watch with the arguments `words` of a `Sampler` and the `asked` focus; call `opened` with the scene."""
         self._words, self._asked, self._opened, self.is_fresh = words, asked, opened, True
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Begin to follow it."""
+        """Start to follow the fork."""
         self._env = env
         self.sampler = Sampler(env, minds, FORK, asked=self._asked, **self._words)
         self._opened(self.sampler.scene)
@@ -374,7 +374,7 @@ class Side(Observer):
         self.sampler.watch(state, tick, sampled=state.tick % self._words["every"] == 0)
 
     def intervened(self, state: State, text: str, said: str) -> None:
-        """Note an intervention there."""
+        """Note an intervention in the fork."""
         self.sampler.deeds.append((state.tick, state.time, said))
         self.is_fresh = True
 

@@ -1,4 +1,4 @@
-"""Takes the samples of a world that a viewer shows: who is in focus, what happened, what every panel wants."""
+"""Sampler of a world for a viewer: it finds the agents in focus and collects the events and every panel's sample."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ecology.state import State
 from ecology.world import Tick
 
 FOCUS_TICKS = 500  # after which the hungriest is looked for again
-CLOSE = 10  # samples between two plans, and between two pictures of J here and now
+CLOSE = 10  # samples between two plans, and between two maps of J at the present state
 SECONDS = 0.2  # of the clock between them, where somebody looks on
 SPARSE = 20  # samples between two age structures, and between two coupling matrices
 
@@ -123,7 +123,7 @@ class Sampler:
             self._follow()
 
     def turn(self, who: str) -> str | None:
-        """Bring `who` into focus; return why it cannot be, None where it is."""
+        """Bring `who` into focus; return the reason if that is impossible, else None."""
         try:
             self.focus.turn(self._env, who)
         except EcologyError as error:
@@ -205,7 +205,7 @@ class Sampler:
         return sample
 
     def _in_focus(self, name: str, state: State) -> dict[str, Any]:
-        """Return who is in focus of a species, and what it sees."""
+        """Return the agent of a species that is in focus, and what it sees."""
         slot = self.focus.slots[name]
         species = self.scene.scenario.species[self.scene.groups[name].index]
         shown: dict[str, Any] = {"slot": slot, "name": self.focus.name(name), "anew": name in self._changed}

@@ -41,7 +41,7 @@ def patches(scenario: Scenario, state: State) -> Floats:
 
 
 def view_field(species: Species, place: Floats, heading: float, ground: Ground | None = None) -> Floats:
-    """Return the outline of a view field, (k, 2), which ends at the walls of `ground`; nothing of one without end."""
+    """Return the outline of a field of view, (k, 2), which ends at the walls of `ground`; empty if it has no limit."""
     if not math.isfinite(species.view_range):
         return np.empty((0, 2))
     half = species.view_angle / 2
@@ -52,7 +52,7 @@ def view_field(species: Species, place: Floats, heading: float, ground: Ground |
 
 
 def _free(place: Floats, way: Floats, far: float, ground: Ground | None) -> Floats:
-    """Return how far one sees from `place` (2,) along each `way` (k, 2), at most `far`, before a wall, (k,)."""
+    """Return the distances (k,) from `place` (2,) to the first wall along each `way` (k, 2), at most `far`."""
     if ground is None or ground.torus or not len(ground.start):
         return np.full(len(way), far)
     along, begin = ground.along, ground.start - place  # (W, 2)

@@ -1,4 +1,4 @@
-"""A window that shows a world while it is stepped: what `render_mode="human"` opens."""
+"""Window that shows a world while it is stepped; `render_mode="human"` opens it."""
 
 from __future__ import annotations
 

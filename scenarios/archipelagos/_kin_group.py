@@ -11,10 +11,10 @@ BENEFIT = 1.0  # b
 
 
 def build(size: int = 4, cost: float = 0.5, varied: bool = True, mutation: float = 0.03) -> Scenario:
-    """Return a group of `size`; giving costs `cost`, or with `varied` what is drawn from 0 to 1 at every chance."""
+    """Return a group of `size`; giving costs `cost`, or with `varied` a cost drawn from 0 to 1 at every chance."""
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
-        """Let everybody whose care exceeds the cost give to another one of the group."""
+        """Let every agent whose care exceeds the cost give to another agent of its group."""
         outcome, state = world.nothing(), world.state
         assert state.trait is not None
         drawn = rng.random((2, size))  # for all slots, whoever lives

@@ -1,6 +1,6 @@
-"""Whether help evolves: groups that live apart, and breed from one pool.
+"""Evolution of help: groups that live apart, and breed from one pool.
 
-At every chance an agent may give: it costs c and brings b = 1 to another one of its group. It gives where its care,
+At every chance an agent may give: giving costs c and brings b = 1 to another agent of its group. It gives if its care,
 which is inherited, exceeds c. A generation is bred from the agents of all groups in proportion to their energy, so
 members of a group do not compete for parents (Taylor 1992). They are related by `relatedness`, r. Where c is drawn from
 0 to 1 at every chance, care = r is stable; with one c, more care than c spreads where r > c (Hamilton 1964).

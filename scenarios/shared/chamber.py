@@ -1,4 +1,4 @@
-"""A chamber in which a body stays where it is: experiments on needs alone."""
+"""A chamber in which bodies cannot move, for experiments on needs alone."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def empathy(condition: str) -> tuple[bool, bool]:
 
 
 def square(middle: Sequence[float], half: float) -> list[tuple[float, float]]:
-    """Return the outline of a square, to be drawn: its middle (x, y) and half its side."""
+    """Return the outline of a square to draw, from its middle (x, y) and half its side."""
     x, y = middle
     return [
         (x - half, y - half),

@@ -1,4 +1,4 @@
-"""Lives whose answer is known: scripted agents in a shipped scenario, and learners beside them."""
+"""Runs with known answers: scripted agents in a shipped scenario, and learners beside them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def begin(name: str, seed: int, **settings: Any) -> tuple[Ecology, Tick]:
 
 
 def play(env: Ecology, tick: Tick, ticks: int, policy: Policy, look: Look | None = None) -> list[Any]:
-    """Run scripted agents for `ticks` ticks and return what `look` saw after each."""
+    """Run scripted agents for `ticks` ticks and return what `look` returned after each."""
     seen = []
     for _ in range(ticks):
         tick = env.step_arrays(policy(env, tick))
@@ -47,21 +47,21 @@ def act(env: Ecology, **actions: str | np.ndarray) -> Ints:
 
 
 class Watch:
-    """An observer that keeps what `look` returns of the state after every tick."""
+    """An observer that keeps the result of `look` for the state after every tick."""
 
     def __init__(self, look: Callable[[Ecology, Any], Any]) -> None:
         self.look, self.rows = look, list[Any]()
 
     def begin(self, env: Ecology, minds: Mapping[str, Any]) -> None:
-        """Know the world."""
+        """Keep the world."""
         self.env = env
 
     def watch(self, state: Any, tick: Tick, minds: Mapping[str, Any]) -> None:
-        """Look at one tick."""
+        """Call `look` for one tick."""
         self.rows.append(self.look(self.env, state))
 
     def end(self) -> None:
-        """Keep what was seen."""
+        """Do nothing: the results are already kept."""
 
 
 def learn(
@@ -72,9 +72,9 @@ def learn(
     own: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> tuple[Ecology, dict[str, Learner], Tick, list[Any]]:
-    """Let the learners of a scenario live for `ticks`; `own` are settings of the learners beyond the scenario's.
+    """Train the learners of a scenario for `ticks`; `own` are settings of the learners beyond the scenario's.
 
-    Returns the world, its learners, the last tick, and what `look` saw of the state after every tick.
+    Returns the world, its learners, the last tick, and what `look` returned for the state after every tick.
     """
     scenario = scenarios.load(name, **settings)
     env, watch = Ecology(scenario), Watch(look or (lambda *_: None))
@@ -94,7 +94,7 @@ def minds_of(env: Ecology, scenario: Scenario, seed: int, own: Mapping[str, Any]
 
 
 def frozen(env: Ecology, minds: Mapping[str, Learner], tick: Tick, ticks: int, epsilon: float, look: Any) -> list[Any]:
-    """Return what `look` sees of `ticks` more ticks in which nobody learns and all explore with `epsilon`."""
+    """Return what `look` returns for `ticks` more ticks in which no agent learns and all explore with `epsilon`."""
     for mind in minds.values():
         mind.evaluating(epsilon)
     watch = Watch(look)
@@ -132,7 +132,7 @@ def band(ax: Axes, x: Iterable[float], samples: Sequence[Sequence[float]], label
 
 
 def finish(ax: Axes, x: str, y: str, title: str = "") -> None:
-    """Label the axes of a panel and drop what no paper prints."""
+    """Label the axes of a panel, and hide its top and right spines."""
     ax.set_xlabel(x)
     ax.set_ylabel(y)
     if title:

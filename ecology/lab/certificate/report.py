@@ -51,7 +51,7 @@ def certificate(table: Mapping[str, Sequence[Row]]) -> str:
 
 
 def draw(folder: Path, case: Case, values: Mapping[str, Any]) -> list[Path]:
-    """Draw the figure of a case into the folder, as far as its parts are done; return its path, of none nothing."""
+    """Draw the figure of a case from its finished parts into the folder; return its files, none without a figure."""
     if case.figure is None or not values:
         return []
     from ecology.observers.plotting import new_figure  # slow to load

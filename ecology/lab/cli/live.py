@@ -1,4 +1,4 @@
-"""A run on the command line: who watches it, and what it came to."""
+"""A run on the command line: its observers and its summary."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def make_observers(
     pace: float | None = None,
     patient: bool = True,
 ) -> list[Observer]:
-    """Return those who record and show the run."""
+    """Return the observers that record and show the run."""
     from ecology.observers.census import Focus
 
     observers: list[Observer] = []
@@ -186,7 +186,7 @@ class Audience:
         self._over = True
 
     def look_back(self, recording: Path, past: Hindsight) -> None:
-        """Show a recording of the run to whoever loads the page from now on."""
+        """Show a recording of the run to pages that are loaded from now on."""
         if self._page is not None:
             self._page.look_back(recording, past.hear, past.named, self)
 
@@ -210,7 +210,7 @@ class Audience:
         return {**control.status(), "tick": state.tick, **more, "folder": str(self._run.folder)}
 
     def _fork_status(self) -> dict[str, Any] | None:
-        """Return how the fork goes that lives beside the run, None without one."""
+        """Return the status of the fork beside the run, None without one."""
         if (twin := self._run.twin) is None:
             return None
         fork = twin.run
@@ -219,7 +219,7 @@ class Audience:
         return {"name": fork.folder.name, "folder": str(fork.folder), "at": twin.began, "alive": count}
 
     def hear(self, click: Click) -> str | None:
-        """Take a click; say so where it means nobody."""
+        """Handle a click; report if it hits no living agent."""
         self._wishes.hear(click)
         state, name = self._state, click.entity.removeprefix(f"{AGENTS}/")
         group = self._run.env.groups.get(name)

@@ -40,12 +40,12 @@ Trust = Annotated[
 
 
 def say(quiet: bool) -> Callable[[str], None] | None:
-    """Return what tells on stderr whose code is run, None where nothing is to be said."""
+    """Return a function that reports on stderr whose code is run, None with --quiet."""
     return None if quiet else functools.partial(print, file=sys.stderr, flush=True)
 
 
 def announces_compiling(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command report that it waits for loops to be compiled, unless it is quiet."""
+    """Wrap a command so that it reports when it waits for compilation, unless it is quiet."""
 
     @functools.wraps(command)
     def announced(*args: Any, **options: Any) -> None:
@@ -58,9 +58,10 @@ def announces_compiling(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def spell_out(words: list[str]) -> list[str]:
-    """Return the words of `run` with a bare --record, which takes KEY=VALUE, written out.
+    """Return the command-line arguments, with a value added to a bare --record of `run`, which takes KEY=VALUE.
 
-    EcologyError where one is empty, as a shell makes of a variable that is not set: a path of nothing is here.
+    Raises EcologyError if an argument is empty, as a shell variable that is not set becomes: an empty path would mean
+    the current folder.
     """
     for before, word in zip(["ecology", *words], words, strict=False):
         if not word or re.fullmatch(r"--[\w-]+=", word):
@@ -76,13 +77,13 @@ def spell_out(words: list[str]) -> list[str]:
 
 
 def check_port(port: int | None, *, serve: bool) -> None:
-    """Raise EcologyError where a port is given that nothing serves."""
+    """Raise EcologyError if a port is given without --serve."""
     if port is not None and not serve:
         raise EcologyError("--port requires --serve.")
 
 
 def refuse_with(option: str, **given: Any) -> None:
-    """Raise EcologyError where an option is given that does not go with `option`."""
+    """Raise EcologyError if an option is given that cannot be combined with `option`."""
     for name, value in given.items():
         if value is not None and value != []:
             word = name if name.isupper() else f"--{name.replace('_', '-')}"
@@ -100,9 +101,9 @@ def read_setting(text: str) -> tuple[str, Any]:
 def read_pairs(
     option: str, words: Sequence[str] | None, read: Callable[[str], tuple[str, Any]], *, several: bool = False
 ) -> dict[str, Any]:
-    """Return what `read` makes of the words of an option, by key; EcologyError where a key is there twice.
+    """Return the values of an option by key, each read by `read`; raise EcologyError if a key occurs twice.
 
-    Where `option` takes `several` values of a key, the error writes them in one.
+    If `option` takes `several` values of a key, the error shows how to join them in one.
     """
     found: dict[str, Any] = {}
     told: dict[str, str] = {}
@@ -119,5 +120,5 @@ def read_pairs(
 
 
 def format_number(value: float | None) -> str:
-    """Return a number with three digits after the point, "-" where there is none."""
+    """Return a number with three digits after the point, "-" for None and numbers that are not finite."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.3f}"

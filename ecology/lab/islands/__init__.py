@@ -1,1 +1,1 @@
-"""Archipelagos: their plan, the processes and machines that hold islands, and what passes between these."""
+"""Archipelagos: their plan, the processes and machines that hold islands, and the exchanges between islands."""

@@ -1,4 +1,4 @@
-"""What passes between islands at a stop: who goes where, and who is bred. Pure functions of the census."""
+"""Exchanges between islands at a stop: migration and breeding. Pure functions of the census."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Moves:
 
 
 def draw_moves(migration: Migration, counts: Sequence[Count], time: float, seed: np.random.SeedSequence) -> Moves:
-    """Return who leaves in an exchange, `time` after the last one."""
+    """Draw the agents that leave in an exchange, `time` after the last one."""
     rng, islands = np.random.default_rng(seed), len(counts)
     share = -elementary.expm1(-migration.rate * time)
     origin, row, to = [], [], []
@@ -47,14 +47,14 @@ def draw_moves(migration: Migration, counts: Sequence[Count], time: float, seed:
 
 
 def _order(who: str, count: Count, rng: np.random.Generator) -> np.ndarray:
-    """Return the rows of a census (k,), who leaves first being first."""
+    """Return the rows of a census (k,) in the order in which agents leave."""
     drawn = rng.permutation(len(count.slots))
     by = {"least drive": count.drive, "most drive": -count.drive, "oldest": -count.age, "youngest": count.age}
     return drawn if who == "random" else drawn[np.argsort(by[who][drawn], kind="stable")]
 
 
 def _destinations(migration: Migration, island: int, islands: int, drawn: np.ndarray) -> np.ndarray:
-    """Return where agents of an island go, (k,), from uniform numbers (k,); -1 where they stay."""
+    """Return the destinations of an island's agents (k,), from uniform numbers (k,); -1 for those that stay."""
     if isinstance(migration.where, tuple):
         upto = np.cumsum(migration.where[island])
         there = np.searchsorted(upto, drawn * upto[-1], side="right")
@@ -90,7 +90,7 @@ class Brood:
 
 
 def draw_brood(pool: Pool, traits: Sequence[Trait], counts: Sequence[Count], seed: np.random.SeedSequence) -> Brood:
-    """Return the next generation of all islands; empty where nobody is left."""
+    """Draw the next generation of all islands; empty if no agent is left."""
     rng = np.random.default_rng(seed)
     serial = np.concatenate([count.serial for count in counts])
     weight = np.concatenate([np.maximum(_known(count.fitness), 0.0) for count in counts])
@@ -120,7 +120,7 @@ def draw_brood(pool: Pool, traits: Sequence[Trait], counts: Sequence[Count], see
 
 
 def _draw_parents(pool: Pool, upto: np.ndarray, size: int, rng: np.random.Generator) -> np.ndarray:
-    """Return the rows of the parents of an island's newborns (size,), some of them in common."""
+    """Draw the parents of an island's newborns, as rows (size,); some newborns share one."""
     drawn = rng.random(size + 1)
     kin = rng.random(size) < np.sqrt(pool.relatedness)
     rows = np.minimum(np.searchsorted(upto, drawn * (upto[-1] if len(upto) else 0.0), side="right"), len(upto) - 1)

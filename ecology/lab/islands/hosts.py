@@ -1,7 +1,7 @@
-"""Where islands live: a host holds some of them, a fleet holds all; one that is lost is started again.
+"""Hosts of islands: a host holds some of them, a fleet holds all. A lost host is started again.
 
-A host is a process here or an actor on a Ray cluster. All of them do what they are called to do in the same order, so
-a host that is lost repeats, from the last common snapshot, what its islands were called to do since.
+A host is a process on this machine or an actor on a Ray cluster. Every host executes its calls in order. So a host that
+was lost can repeat the calls that its islands received since the last common snapshot.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Opening = tuple[Any, ...]  # "start"; "resume", TICK; "fork", FOLDER, TICK, WORD
 
 
 class LostError(Exception):
-    """A host has ended, and with it what its islands did since the last common snapshot."""
+    """A host has ended, and the progress of its islands since the last common snapshot is lost."""
 
 
 class Host:
-    """Holds islands, in its own process, and does with them what it is called to do."""
+    """Holds islands in its own process and executes calls on them."""
 
     def __init__(self, folder: str) -> None:
         self._folder = Path(folder)
@@ -66,7 +66,7 @@ class Host:
 
 
 class Handle(Protocol):
-    """A host as it is held from here: what it is sent it answers, in order; LostError where it has ended."""
+    """Proxy of a host: it answers calls in the order in which they were sent, and raises LostError if it has ended."""
 
     def send(self, method: str, calls: Calls) -> None:
         """Let it begin."""
@@ -79,7 +79,7 @@ class Handle(Protocol):
 
 
 class ProcessHost:
-    """A host in a process of one thread, which ends when this one does."""
+    """A host in a single-threaded process, which ends when this process does."""
 
     def __init__(self, folder: Path) -> None:
         mine, theirs = multiprocessing.connection.Pipe()
@@ -92,7 +92,7 @@ class ProcessHost:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 env={**os.environ, **threads},
-                start_new_session=True,  # Ctrl-C reaches the archipelago alone, which ends at a stop
+                start_new_session=True,  # Ctrl-C reaches only the archipelago, which ends at the next stop
             )
 
     def send(self, method: str, calls: Calls) -> None:
@@ -168,7 +168,7 @@ class Fleet:
         opening: Callable[[int], Opening],
         common: int | None,
     ) -> None:
-        """Hold `islands` on `hosts` that `make` starts; they open as `opening` says, or at the `common` snapshot."""
+        """Spread `islands` over `hosts` that `make` starts, opened by `opening` or at the `common` snapshot."""
         self._make, self._opening, self._common = make, opening, common
         self._share = [list(range(host, islands, hosts)) for host in range(min(hosts, islands))]
         self._hosts: list[Handle | None] = [None] * len(self._share)
@@ -234,7 +234,7 @@ class Fleet:
         return {number: self._opening(number) for number in share}
 
     def _revive(self, host: int) -> dict[int, Any]:
-        """Start a lost host again and let it repeat what it was called to do; return what it returns at last."""
+        """Start a lost host again and repeat its calls; return the result of the last one."""
         while self._lives[host]:
             self._lives[host] -= 1
             self.lost += 1

@@ -1,4 +1,4 @@
-"""One island: a run that lives from stop to stop, and whose agents leave and arrive in between."""
+"""One island: a run that advances from stop to stop; agents leave and arrive at the stops."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Arrays = Mapping[str, np.ndarray]
 
 @dataclass
 class Count:
-    """The living of one species on an island, in the order of their slots."""
+    """The living agents of one species on an island, in the order of their slots."""
 
     slots: np.ndarray  # (k,)
     serial: np.ndarray  # (k,)
@@ -44,7 +44,7 @@ class Count:
 
 @dataclass
 class Census:
-    """An island at a stop: what decides who leaves, and what the overview shows."""
+    """The state of an island at a stop: the data by which agents are chosen to leave, and the data of the overview."""
 
     tick: int
     alive: dict[str, int]  # by species
@@ -56,7 +56,7 @@ class Census:
 
 @dataclass
 class Travellers:
-    """Agents on their way: bodies, and what they have learned."""
+    """Agents on their way to another island: their bodies, and what they have learned."""
 
     species: str
     bodies: Arrays
@@ -72,7 +72,7 @@ class Travellers:
 
 
 def join(groups: Sequence[Travellers]) -> Travellers:
-    """Return travellers of one species as one group; memories are as wide as the fullest one."""
+    """Join groups of travellers of one species; memories are as wide as the fullest one."""
     minds = {}
     for name in groups[0].minds:
         parts = [group.minds[name] for group in groups]
@@ -89,7 +89,7 @@ def join(groups: Sequence[Travellers]) -> Travellers:
 
 
 class IslandRun:
-    """A run in its folder that is under way, one of an archipelago."""
+    """A run of an archipelago that is in progress, with its folder."""
 
     def __init__(self, plan: Plan, folder: Path, pool: Pool | None, *, shown: bool) -> None:
         self.plan, self.folder, self._pool, self._shown = plan, folder, pool, shown
@@ -101,7 +101,7 @@ class IslandRun:
         self._begin(resume=False, start=True)
 
     def resume(self, tick: int) -> None:
-        """Go on from the common snapshot of `tick`; what came later is forgotten."""
+        """Resume from the common snapshot of `tick`; later ticks are discarded."""
         self.run = run = Run(self.plan, self.folder)
         run.schedule.read()
         kept = self.folder / KEPT
@@ -111,7 +111,7 @@ class IslandRun:
         self._begin(resume=True)
 
     def fork(self, source: Path, tick: int, told: Mapping[str, Any]) -> None:
-        """Go on, in a folder of its own, from the common snapshot of the island whose run is in `source`."""
+        """Start, in a folder of its own, from the common snapshot of the island whose run is in `source`."""
         before = Run(resolve_run(config=read_config(source / "config.toml"), copies=self.plan.copies), source)
         self.run = forks.fork_from(before, checkpoint.read(source / KEPT / str(tick)), self.plan, self.folder, told)
         self._begin(resume=False, start=True)
@@ -141,7 +141,7 @@ class IslandRun:
         )
 
     def advance(self, tick: int) -> Census:
-        """Live to `tick`, and return the census."""
+        """Advance to `tick`, and return the census."""
         began = time.process_time()
         try:
             self.run.advance(tick - self.run.now)
@@ -151,7 +151,7 @@ class IslandRun:
         return self.census(time.process_time() - began)
 
     def census(self, seconds: float = 0.0) -> Census:
-        """Return what is to be known of the island at a stop, after CPU `seconds` since the last one."""
+        """Return the census of the island at a stop, after CPU `seconds` since the last one."""
         state, env = self.run.env.state_view, self.run.env
         alive, drive, place, moving = {}, {}, {}, {}
         for species, group in zip(env.scenario.species, env.groups.values(), strict=True):
@@ -181,7 +181,7 @@ class IslandRun:
     # ---- between two ticks -----------------------------------------------------------------
 
     def depart(self, species: str, slots: np.ndarray) -> Travellers:
-        """Let the agents in `slots` leave."""
+        """Remove the agents in `slots` from this island and return them."""
         learner, rows = self.run.learners[species], self.run.env.groups[species].slots
         minds = learner.pack(slots - rows.start)
         self.run.tick, bodies = self.run.env.take_out(slots)
@@ -189,14 +189,14 @@ class IslandRun:
         return Travellers(species, bodies, minds)
 
     def arrive(self, group: Travellers, seed: np.random.SeedSequence) -> None:
-        """Let travellers live here."""
+        """Add travellers to this island."""
         learner, rows = self.run.learners[group.species], self.run.env.groups[group.species].slots
         self.run.tick, slots = self.run.env.bring_in(group.species, group.bodies, np.random.default_rng(seed))
         learner.unpack(slots - rows.start, group.minds)
         learner.interrupted(slots - rows.start)
 
     def breed(self, species: str, parents: np.ndarray, traits: np.ndarray | None, seed: np.random.SeedSequence) -> None:
-        """End a generation: all of `species` are gone, and newborns start."""
+        """End a generation: replace all agents of `species` by newborns."""
         env, learner = self.run.env, self.run.learners[species]
         rows, state = env.groups[species].slots, env.state_view
         gone = rows.start + np.flatnonzero(state.alive[rows])
@@ -216,7 +216,7 @@ class IslandRun:
     # ---- what is kept ------------------------------------------------------------------------
 
     def save(self) -> None:
-        """Write a snapshot of the present tick, and before it what is recorded up to it."""
+        """Write the recording up to the present tick, then a snapshot."""
         self.run.keep_at(self.folder / KEPT / str(self.run.now))
 
     def drop(self, ticks: Sequence[int]) -> None:

@@ -1,4 +1,4 @@
-"""What the run of an archipelago is told: the archipelago with its settings, and from that the plan of every island."""
+"""The configuration of an archipelago's run: the archipelago with its settings, and the plan of every island."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ISLAND, EXCHANGE, POOL, PLACE = range(4)  # second word: whose random numbers
 
 @dataclass(frozen=True, kw_only=True)
 class Voyage:
-    """Everything that the run of an archipelago is told; archipelago.toml holds exactly this."""
+    """The configuration of an archipelago's run; archipelago.toml holds exactly this."""
 
     archipelago: str  # name, or path of a file
     settings: Mapping[str, Any]  # of the archipelago
@@ -132,14 +132,14 @@ PLAIN = {
 
 
 def _plain(value: Any) -> Any:
-    """Return what TOML holds in the place of a value."""
+    """Return a value in a form that TOML can hold."""
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items() if each is not None}
     return [_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def resolve_voyage(name: str, changes: Mapping[str, Any], **flags: Any) -> Voyage:
-    """Return what a user typed: the archipelago `name` with `changes`, and `flags`, None where not given."""
+    """Build the configuration from user input: the archipelago `name` with `changes`, and `flags` (None: not given)."""
     placed = os.path.abspath(name) if source.is_file(name) else name
     world = scenarios.load_archipelago(placed, **changes)
     given = {key: value for key, value in flags.items() if value is not None}
@@ -150,7 +150,7 @@ def resolve_voyage(name: str, changes: Mapping[str, Any], **flags: Any) -> Voyag
 
 
 def read_voyage(folder: Path, ticks: int | None = None, gate: Gate | None = None) -> Voyage:
-    """Return what the run in `folder` was told, with other `ticks` if given; its code is run if `gate` admits it."""
+    """Read the configuration of the run in `folder`, with other `ticks` if given; run its code if `gate` admits it."""
     words = read_words(folder)
     copies = source.choose(folder, None if gate is None else gate.choice)
     if gate is not None:
@@ -167,7 +167,7 @@ def read_voyage(folder: Path, ticks: int | None = None, gate: Gate | None = None
 
 
 def read_words(folder: Path) -> dict[str, Any]:
-    """Return the words of archipelago.toml; EcologyError where it is none."""
+    """Return the contents of archipelago.toml; raise EcologyError if it is not valid."""
     path = folder / CONFIG
     try:
         words = tomllib.loads(path.read_text(encoding="utf-8"))

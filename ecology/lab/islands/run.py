@@ -1,4 +1,4 @@
-"""The run of an archipelago: its islands from stop to stop, what passes between them, and the folder that it leaves."""
+"""The run of an archipelago: it advances the islands from stop to stop, exchanges agents, and writes the run folder."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from ecology.observers.overview import Overview
 
 COMMON = "common.json"  # which snapshot all islands have
-LEDGER = "exchanges.jsonl"  # who went where, and what was bred, a line per exchange
+LEDGER = "exchanges.jsonl"  # which agents went where, and what was bred, a line per exchange
 WRITES = (CONFIG, COMMON, LEDGER, SUMMARY, RECORDING, ISLANDS)
 
 
@@ -49,7 +49,7 @@ class ArchipelagoRun:
     """An archipelago in its folder. Building one checks everything and writes nothing; then `live`."""
 
     def __init__(self, voyage: Voyage, folder: Path, common: int | None = None) -> None:
-        """Start anew, or go on from the `common` snapshot."""
+        """Start a new run, or resume from the `common` snapshot."""
         self.voyage, self.folder, self.now = voyage, folder, common or 0
         self._common = common
         for name in voyage.world.moving:
@@ -87,9 +87,9 @@ class ArchipelagoRun:
     def live(
         self, make: Callable[[Path], Handle], hosts: int, say: Callable[[str], None] = lambda _: None
     ) -> dict[str, Any]:
-        """Live to the last tick with hosts that `make` starts, and return the summary.
+        """Run to the last tick with hosts that `make` starts, and return the summary.
 
-        Raises StoppedError where a signal came: the islands then stop together, and `--resume` goes on.
+        Raises StoppedError on a signal: the islands then stop together, and `--resume` continues the run.
         """
         if self._common is None:
             self.check_folder()
@@ -159,7 +159,7 @@ class ArchipelagoRun:
         return dict.fromkeys(self.islands, words)
 
     def _stretch(self) -> None:
-        """Live to the next stop, and do what is due there."""
+        """Advance to the next stop, and perform the exchanges and snapshots that are due there."""
         assert self.fleet is not None
         voyage, before = self.voyage, self.now
         began = time.perf_counter()
@@ -241,7 +241,7 @@ class ArchipelagoRun:
     # ---- what is kept ------------------------------------------------------------------------
 
     def _snapshot(self) -> None:
-        """Write a snapshot of all islands; once all have it, it is the common one, and the last is dropped."""
+        """Write a snapshot of all islands; once all have it, it becomes the common one, and the last one is removed."""
         assert self.fleet is not None
         if self._overview is not None:
             self._overview.flush()
@@ -261,7 +261,7 @@ class ArchipelagoRun:
         return {"migrated": self.migrated, "refused": self.refused, "generations": self.generations}
 
     def _cut(self) -> None:
-        """Forget what the ledger tells of later than the common snapshot."""
+        """Remove the lines of the ledger that are later than the common snapshot."""
         told = json.loads((self.folder / COMMON).read_text(encoding="utf-8"))
         self.migrated, self.refused, self.generations = (int(told.get(key, 0)) for key in self._counts())
         self._kept = [self.now]
@@ -299,7 +299,7 @@ def start(name: str, changes: Mapping[str, Any], out: Path | None, **flags: Any)
 
 
 def resume(folder: Path, ticks: int | None, gate: Gate) -> ArchipelagoRun:
-    """Return the run in `folder`, to go on from its last common snapshot."""
+    """Return the run in `folder`, ready to resume from its last common snapshot."""
     voyage = read_voyage(folder, ticks, gate)
     common = common_tick(folder)
     if common is None:
@@ -314,7 +314,7 @@ def resume(folder: Path, ticks: int | None, gate: Gate) -> ArchipelagoRun:
 def fork(
     folder: Path, at: int, changes: Mapping[str, Any], out: Path | None, ticks: int | None, gate: Gate
 ) -> ArchipelagoRun:
-    """Return a run to `out` that goes on with the archipelago that the run in `folder` was at tick `at`."""
+    """Return a run to `out` that continues the run in `folder` from tick `at`."""
     before = read_voyage(folder, None, gate)
     first = before.folder_of(folder, 0)
     known = sorted(int(path.name) for path in (first / KEPT).glob("[0-9]*") if path.name.isdecimal())

@@ -14,7 +14,7 @@ from ecology.lab.runs.stopping import StoppedError
 
 
 def serve(line: Connection, host: Host) -> None:
-    """Do what comes over the line until it ends."""
+    """Execute the calls that arrive on the connection until it closes."""
     with contextlib.suppress(EOFError, OSError):  # the archipelago has ended
         while True:
             method, calls = line.recv()
@@ -23,7 +23,7 @@ def serve(line: Connection, host: Host) -> None:
                 answer = "done", host.call(method, calls)
             except EcologyError as error:
                 answer = "error", str(error)
-            except StoppedError:  # somebody ended this process, and not the archipelago
+            except StoppedError:  # this process was killed, not the archipelago
                 answer = "lost", None
             line.send(answer)
 

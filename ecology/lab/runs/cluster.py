@@ -24,7 +24,7 @@ AHEAD = 16  # runs that wait at a Ray cluster beyond what it holds now: an autos
 
 
 def join(address: str) -> Any:
-    """Join a Ray cluster ("local" starts one on this machine), and return the package; EcologyError where it cannot."""
+    """Join a Ray cluster ("local" starts one on this machine), and return the package; EcologyError on failure."""
     try:
         import ray
     except ImportError as error:
@@ -58,10 +58,10 @@ def capacity(ray: Any, needs: Mapping[str, float]) -> int:
 
 
 def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Attempt, Callable[[], int]]:
-    """Return how to run on a Ray cluster ("local" starts one on this machine), and how many runs to start now.
+    """Return a function that runs on a Ray cluster ("local" starts one here), and one that counts the runs to start.
 
-    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. What the cluster has is asked for again each time:
-    nodes that join later are used.
+    A run takes one CPU, `gpus` GPUs and `memory` GiB of the cluster. The count asks the cluster every time, so nodes
+    that join later are used.
     """
     ray = join(address)
     needs = {"CPU": 1.0, "GPU": gpus, "memory": memory * 2**30}
@@ -99,7 +99,7 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
 
 
 def gpus_per_run(elsewhere: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
-    """Return the GPUs that a run takes of a cluster `elsewhere`; EcologyError where options contradict each other."""
+    """Return the GPUs that a run takes of a cluster `elsewhere`; raise EcologyError if options are inconsistent."""
     for option, value in (("--gpus-per-run", gpus), ("--memory-per-run", memory)):
         if elsewhere is None and value is not None:
             raise EcologyError(

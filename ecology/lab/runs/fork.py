@@ -70,7 +70,7 @@ def fork(
 
 
 def fork_from(run: Run, parts: dict[str, checkpoint.Part], plan: Plan, out: Path, told: Mapping[str, Any]) -> Run:
-    """Return a run to `out` as `plan` says, not yet begun, that goes on with the state `parts` of `run`."""
+    """Return a run to `out` with `plan`, not yet started, that continues from the state `parts` of `run`."""
     run.check_words(parts)
     forked = _prepare(run, plan, out, told)
     _become(forked, parts)
@@ -78,7 +78,7 @@ def fork_from(run: Run, parts: dict[str, checkpoint.Part], plan: Plan, out: Path
 
 
 def _prepare(run: Run, plan: Plan, out: Path, told: Mapping[str, Any]) -> Run:
-    """Return the run of a fork as it is built, once its plan fits `run`."""
+    """Check that the plan of a fork fits `run`, and return the fork as a new run."""
     if plan.ticks <= told["at"]:
         raise EcologyError(
             f"a fork at tick {told['at']} that lives to tick {plan.ticks} has no future; give more --ticks."
@@ -90,7 +90,7 @@ def _prepare(run: Run, plan: Plan, out: Path, told: Mapping[str, Any]) -> Run:
 
 
 def _become(forked: Run, parts: dict[str, checkpoint.Part]) -> None:
-    """Let a fork become what `parts` hold."""
+    """Restore a fork from `parts`."""
     try:
         forked.become(parts)
     except Exception as error:

@@ -1,4 +1,4 @@
-"""What an agent weighed, worked out again: the run is lived again from the last state that is known before."""
+"""Past decisions of an agent, computed by repeating the run from the last checkpoint before."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ecology.observers.base import Mind, Observer
 from ecology.observers.census import Choice
 from ecology.observers.panels.decision import decision_text
 
-SPAN = 100  # ticks that are worked out, about half of them before the one that is asked for
+SPAN = 100  # ticks that are computed, about half of them before the requested one
 
 
 class Witness(Observer):
@@ -48,10 +48,10 @@ class Witness(Observer):
 def decisions(
     folder: Path, who: str, tick: int, *, trust: bool = False, say: Callable[[str], None] | None = None
 ) -> dict[int, str]:
-    """Return what the agent `who` of the run in `folder` weighed about `tick`, by tick, as the viewer writes it.
+    """Return the decisions of the agent `who` in the run in `folder` around `tick`, by tick, as the viewer writes them.
 
-    It runs the code of the run, as `ecology fork` does, and takes as long as the run took from the last checkpoint
-    before; a run with `--keep-every` has more of them. Raises EcologyError where the run cannot be lived again.
+    Executes the code of the run, as `ecology fork` does, and takes as long as the run took from the last checkpoint
+    before; a run with `--keep-every` has more of them. Raises EcologyError if the run cannot be repeated.
     """
     run = open_run(folder, trust=trust, say=say)
     first = max(tick - SPAN // 2, 0)

@@ -79,9 +79,9 @@ class Run:
         self.stopped_by: str | None = None
         self.control: Control | None = None  # of the pace, where somebody may set it
         self.schedule = Schedule(folder)
-        self.twin: twins.Twin | None = None  # the fork that lives beside it
+        self.twin: twins.Twin | None = None  # the fork that advances beside it
         self._forks: queue.SimpleQueue[tuple[Path | None, tuple[str, ...], Future[Run]]] = queue.SimpleQueue()
-        self._living: int | None = None  # thread in which the run lives
+        self._living: int | None = None  # thread that executes the run
         self._observers: Sequence[Observer] = ()
         self._interrupt = Interrupt()
         self._mailbox: Mailbox | None = None
@@ -124,9 +124,9 @@ class Run:
             self.schedule.write()
 
     def restore(self, kept: Path | None = None, *, previous: bool = False) -> None:
-        """Become what the checkpoint in the folder holds, or the one before it; EcologyError where it does not fit.
+        """Restore the checkpoint in the folder, or the one before it; raise EcologyError if it does not fit.
 
-        From one that was `kept`, which need not be the last, the run then goes on as if nothing had come after it.
+        From a `kept` checkpoint, which need not be the last, the run continues as if nothing had come after it.
         """
         where = kept or self.folder / CHECKPOINT
         self._resumed = kept is not None
@@ -205,9 +205,9 @@ class Run:
         return self.summary()
 
     def living(self, observers: Sequence[Observer] = (), stride: int | None = None) -> Generator[int]:
-        """Live as `live` does, and give the tick when it has begun and after every `stride` ticks.
+        """Run as `live` does, and yield the tick at the start and after every `stride` ticks.
 
-        Whoever takes the ticks may leave it there: another run lives on in the meantime.
+        The caller may pause between two ticks, for example to advance another run.
         """
         last, keep = self.plan.ticks, self.plan.keep_every
         rhythms = [every for every in (self.plan.checkpoint_every, keep) if every]
@@ -227,13 +227,13 @@ class Run:
                 self.twin.finish()
 
     def advance(self, ticks: int) -> None:
-        """Live `ticks` ticks of a run that is under way."""
+        """Advance a run in progress by `ticks` ticks."""
         watchers = (self.tally, *self._observers, self._interrupt)
         self.tick = loop.advance(self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between)
 
     @contextlib.contextmanager
     def under_way(self, observers: Sequence[Observer]) -> Iterator[None]:
-        """Let `advance` be called: observers begin, and what is written is written at the end, whatever happens."""
+        """Prepare for `advance`: start the observers, and write the results at the end, whatever happens."""
         interrupt = self._interrupt = Interrupt()
         text = self.plan.to_toml()
         check_links(self.folder)
@@ -370,11 +370,11 @@ class Run:
             control.wait(seconds)
 
     def _is_extinct(self) -> bool:
-        """Return whether the run ends because nobody lives any more, as its scenario wants it."""
+        """Return whether the run ends because no agent is alive and its scenario has `until_extinct`."""
         return self.scenario.until_extinct and self.now > 0 and not self.env.state_view.alive.any()
 
     def _go(self, tick: Tick) -> Tick:
-        """Let the fork live the tick first that comes next, so that observers of this run see both; return `tick`."""
+        """Advance the fork by the next tick first, so that observers of this run see both; return `tick`."""
         if self.twin is not None:
             self.twin.catch_up(self.now + 1)
         return tick
@@ -402,11 +402,11 @@ class Run:
         return self.twin.run
 
     def serve(self) -> None:
-        """Do what is asked of a run that waits between two strides of `living`."""
+        """Serve requests to a run that waits between two strides of `living`."""
         self.tick = self._serve(self.tick)
 
     def _serve(self, tick: Tick) -> Tick:
-        """Do what is scheduled for now, and what others ask for."""
+        """Make the interventions that are due, and serve requests from other threads."""
         while (entry := self.schedule.due(self.now)) is not None:
             try:
                 tick, _ = self._do_next(entry.do)

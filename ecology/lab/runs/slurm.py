@@ -20,10 +20,10 @@ LOGS = "slurm"  # folder of the jobs' own files, in that of the sweep
 def by_slurm(
     partition: str, out: Path, *, gpus: float = 0.0, memory: float = 0.0, minutes: int | None = None
 ) -> tuple[Attempt, Callable[[], int]]:
-    """Return how to run as jobs of a Slurm `partition`, and how many jobs to submit at a time.
+    """Return a function that runs a job on a Slurm `partition`, and the number of jobs to submit at a time.
 
-    A job takes one CPU, `gpus` GPUs, `memory` GiB and `minutes`, each as the partition has it where it is not given. A
-    job that ends before its run, because its time is over or its node failed, is submitted again and resumes the run.
+    A job takes one CPU, `gpus` GPUs, `memory` GiB and `minutes`, or the partition's default where not given. A job
+    that ends before its run, because its time is over or its node failed, is submitted again and resumes the run.
     """
     try:
         import submitit
@@ -65,5 +65,5 @@ def by_slurm(
 
 
 def in_job(folder: Path, evaluate: bool, source: str | None) -> tuple[int, str]:
-    """Live a run on a node of the cluster; a job that is cancelled stops it, and it can be resumed."""
+    """Execute a run on a node of the cluster; cancelling the job stops the run, which can be resumed."""
     return in_own_process(folder, evaluate, source, threading.Event())

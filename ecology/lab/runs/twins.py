@@ -1,4 +1,4 @@
-"""A fork that lives beside its run, tick by tick, so that both futures can be seen at once."""
+"""A fork that advances beside its run, tick by tick, so that a viewer can show both futures at once."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def make_fork(run: Run, out: Path | None, do: Sequence[str]) -> Run:
-    """Return a run to `out` that is what `run` is now, less the interventions `do`, made in it alone; not begun.
+    """Return a run to `out` in the present state of `run`, with the interventions `do` made in it alone; not started.
 
-    Raises EcologyError, `run` being unchanged, where the folder is taken or an intervention does not fit.
+    Raises EcologyError and leaves `run` unchanged if the folder is taken or an intervention does not fit.
     """
     folder = run.folder.absolute()
     where = folder.with_name(f"{folder.name}-at-{run.now}") if out is None else out
@@ -59,10 +59,10 @@ def recorders(run: Run) -> list[Observer]:
 
 
 class Twin:
-    """A fork that goes on beside the run that it comes from, in the same thread."""
+    """A fork that advances beside its original run, in the same thread."""
 
     def __init__(self, origin: Run, run: Run, observers: Sequence[Observer], do: Sequence[str]) -> None:
-        """Begin to live `run`, a fork of `origin`, whose `observers` may show both."""
+        """Start `run`, a fork of `origin`, whose `observers` may show both."""
         self.run, self.over, self.began = run, False, run.now
         run.start()
         self._stack = contextlib.ExitStack()
@@ -72,17 +72,17 @@ class Twin:
         next(self._ticks)
 
     def catch_up(self, tick: int) -> None:
-        """Live on to `tick`, or to the end of the fork."""
+        """Advance to `tick`, or to the end of the fork."""
         while not self.over and self.run.now < tick:
             self._advance()
 
     def serve(self) -> None:
-        """Do what is asked of the fork while it waits."""
+        """Serve requests to the fork while it waits."""
         if not self.over:
             self.run.serve()
 
     def finish(self) -> None:
-        """Live on to the end of the fork."""
+        """Run to the end of the fork."""
         while not self.over:
             self._advance()
 

@@ -1,1 +1,1 @@
-"""Panels of the viewer, a file each: what it samples in a run, how it is drawn, and its views. See base.py."""
+"""Panels of the viewer, one file each: its samples of a run, how it is drawn, and its views. See base.py."""

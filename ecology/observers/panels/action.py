@@ -1,4 +1,4 @@
-"""What the agent in focus does, as a lane."""
+"""Lane with the actions of the agent in focus."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ACTION_TICKS = 100  # of the lane on the first screen
 
 
 class Action(LifePanel):
-    """Draws a change wherever it does something else."""
+    """Draws a mark wherever the agent changes its action."""
 
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)

@@ -14,7 +14,7 @@ from ecology.observers.panels.base import NO_LEGEND, Batch, Panel, Watch, set_ti
 
 
 class Bars(Panel):
-    """Draws distributions as bars, now and then; a subclass says of what."""
+    """Draws distributions as bars at intervals; a subclass chooses the quantity."""
 
     entity: str  # below it, one for every name in its samples
 
@@ -41,7 +41,7 @@ def bar_views(entity: str, titles: Sequence[tuple[str, str]]) -> list[rrb.View |
 
 
 class Ages(Bars):
-    """Draws the ages of the living."""
+    """Draws the ages of living agents."""
 
     entity = "population/ages"
 

@@ -1,4 +1,4 @@
-"""What the agent in focus sees ahead: its plan as a path over the arena, what f forecasts, and what came."""
+"""Lookahead of the agent in focus: its plan as a path over the arena, the forecast of f, and the outcome."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CAME_TICKS = 60  # for which a line from the forecast to what came is shown
 
 
 class Ahead(Panel):
-    """Draws the lookahead's best plan, a ghost where the movement under way is to lead, and the misses of the last."""
+    """Draws the lookahead's best plan, the forecast end of the current movement (the ghost), and the last misses."""
 
     each = True
 
@@ -38,7 +38,7 @@ class Ahead(Panel):
         return np.asarray(states, float)[..., [names.index("x"), names.index("y")]]
 
     def follow(self, watch: Watch) -> None:
-        """Compare the forecast with what came where a new decision is made."""
+        """Compare the forecast with the outcome when a new decision is made."""
         decision = watch.decision(self.name)
         if decision is None or decision.age != 1 or decision.zeta is None:
             return

@@ -1,4 +1,4 @@
-"""What a panel is: one thing that a recording shows, from its sample in the run to its views on the screen."""
+"""Base classes of panels. A panel is one part of a recording, from its sample in the run to its views on the screen."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STATE_TICKS = 1_000  # of the internal state on the first screen
 
 @dataclass
 class Watch:
-    """What panels take their samples from: a run after a tick, and who is in focus."""
+    """The source of panels' samples: a run after a tick, and the agents in focus."""
 
     env: Ecology
     minds: Mapping[str, Mind]
@@ -36,9 +36,9 @@ class Watch:
     state: State
     tick: Tick | None  # None before the first one
     sampled: bool  # whether a sample is taken at this tick
-    sparse: bool = False  # whether what changes slowly is sampled too
-    closely: bool = False  # whether what takes long is sampled too: plans, J here and now
-    turned: bool = False  # whether somebody asked for another focus
+    sparse: bool = False  # whether slowly changing quantities are sampled too
+    closely: bool = False  # whether costly quantities are sampled too: plans, J at the present state
+    turned: bool = False  # whether a user requested another focus
     changed: frozenset[str] = frozenset()  # species whose focus is another since the last sample
     happened: Sequence[Happening] = ()  # since the last sample
     deeds: Sequence[tuple[int, float, str]] = ()  # interventions since the last sample: tick, time, what was done
@@ -50,14 +50,14 @@ class Watch:
         return slot - self.scene.groups[name].slots.start if slot >= 0 else -1
 
     def plan(self, name: str) -> Plan | None:
-        """Return the best that the focus of a species saw ahead when it decided, None where there is none."""
+        """Return the best plan of a species' agent in focus at its last decision, None without one."""
         if name not in self._plans:
             row = self.row(name)
             self._plans[name] = self.minds[name].plan_ahead(row) if row >= 0 and self.scene.decides[name] else None
         return self._plans[name]
 
     def decision(self, name: str) -> Decision | None:
-        """Return the decision that the focus of a species acts on, None where there is none."""
+        """Return the decision that a species' agent in focus acts on, None without one."""
         row = self.row(name)
         return self.minds[name].decision(row) if row >= 0 and self.scene.decides[name] else None
 
@@ -128,18 +128,18 @@ class Batch:
 
 
 class Panel:
-    """One thing that a recording shows. A subclass defines only what it needs, and has its place in layout.py."""
+    """One part of a recording. A subclass defines only the methods that it needs; layout.py places its views."""
 
     each = False  # whether there is one for every species
 
     def __init__(self, scene: Scene, name: str = "") -> None:
-        """Be a panel of `scene`, of the species `name` where there is one for each."""
+        """Make a panel of `scene`, for the species `name` if there is one panel per species."""
         self.scene, self.name = scene, name
         self.key = f"{type(self).__name__} {name}".strip()
 
     @property
     def species(self) -> Species:
-        """Return the species that the panel is of."""
+        """Return the species that the panel shows."""
         return self.scene.scenario.species[self.scene.groups[self.name].index]
 
     @property
@@ -148,7 +148,7 @@ class Panel:
         return self.scene.at(self.name)
 
     def is_there(self) -> bool:
-        """Return whether the scene has anything for it to show."""
+        """Return whether the scene has anything for the panel to show."""
         return True
 
     def follow(self, watch: Watch) -> None:
@@ -156,11 +156,11 @@ class Panel:
         return
 
     def sample(self, watch: Watch) -> Any:
-        """Return what a sample holds for it, plain data, None of nothing; the run goes on in the meantime."""
+        """Return the panel's sample as plain data that no longer changes with the run, None if there is nothing."""
         return None
 
     def final(self, watch: Watch) -> Any:
-        """Return what is to be drawn at the end of the run, when its last sample has been taken."""
+        """Return a last sample to draw at the end of the run."""
         return None
 
     def open(self, rec: rr.RecordingStream) -> None:
@@ -172,16 +172,16 @@ class Panel:
         return
 
     def views(self) -> list[rrb.View | rrb.Container]:
-        """Return what the screen shows of it, none for a layer of the arena."""
+        """Return the panel's views on the screen, none for a layer of the arena."""
         return []
 
     def overrides(self) -> dict[Any, Any]:
-        """Return how the arena shows its entities otherwise than they are recorded; of a layer."""
+        """Return the overrides with which the arena shows the entities of a layer."""
         return {}
 
 
 class LifePanel(Panel):
-    """A panel of the life of a species' focus, or of any agent after the fact."""
+    """A panel about the life of a species' agent in focus, or of any agent of a finished recording."""
 
     each = True
 
@@ -262,7 +262,7 @@ def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None, *, leg
 
 
 def called(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
-    """Return which curve has which colour: "f orange, J blue"."""
+    """Return a legend in words: "f orange, J blue"."""
     return ", ".join(f"{word} {colours.colour_name(shade)}" for word, shade in zip(words, shades, strict=False))
 
 

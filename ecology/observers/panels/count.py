@@ -1,4 +1,4 @@
-"""How many of every species live."""
+"""Number of living agents of every species."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Count(Panel):
         scalars(rec, "population/count", batch.times, np.stack(count, axis=1))
 
     def views(self) -> list[rrb.View | rrb.Container]:
-        """Return the plot where anybody can be born or die."""
+        """Return the plot if agents can be born or die."""
         if not (self.scene.grows or "died" in self.scene.marks):
             return []
         return [plot("/population/count", "living")]

@@ -1,4 +1,4 @@
-"""Who feels whom, and how much."""
+"""Coupling matrix: how much each agent feels each other."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COUPLED = 128  # agents of a species whose coupling is drawn, at most
 
 
 class Coupling(Panel):
-    """Draws the matrix of a species with empathy, now and then."""
+    """Draws the matrix of a species with empathy, at intervals."""
 
     each = True
 

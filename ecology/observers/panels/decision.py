@@ -20,7 +20,7 @@ NUMBERS = ("next_drive", "slope", "total", "score", "open")  # of a decision, in
 
 
 class DecisionTable(Panel):
-    """Writes what the agent in focus weighed, as a table and as numbers."""
+    """Writes the decision of the agent in focus, as a table and as numbers."""
 
     each = True
 
@@ -50,7 +50,7 @@ class DecisionTable(Panel):
         self._choices.append(Choice(state.tick, state.time, name, decision, self._plan, *self._came))
 
     def _judge(self, decision: Decision, serial: int, tick: int) -> None:
-        """Compare what f forecast of the option before with what came, where a new decision is made."""
+        """When a new decision is made, compare the forecast of f for the previous option with the outcome."""
         (before, _), told = self._last
         self._came = ("", ())
         if told is not None and before == serial and told.after is not None and decision.zeta is not None:
@@ -61,7 +61,7 @@ class DecisionTable(Panel):
         self._last = (serial, tick), decision
 
     def sample(self, watch: Watch) -> Any:
-        """Return the decisions since the last sample, and whether there is nobody any more who decides."""
+        """Return the decisions since the last sample, and whether the deciding agent is gone."""
         found, self._choices = self._choices, []
         return found, watch.focus.slots[self.name] < 0 and self.name in watch.changed
 
@@ -97,7 +97,7 @@ class DecisionTable(Panel):
 
 
 def headline(d: Decision, tick: int, *, bold: bool = False) -> str:
-    """Return what was taken of a decision as it stands at `tick`: "walk, chosen at 3,981, tick 4 of 10"."""
+    """Return a summary of the decision in force at `tick`: "walk, chosen at 3,981, tick 4 of 10"."""
     mark = "**" if bold else ""
     how_far = f"tick {d.age}" + ("" if d.length is None else f" of {max(d.length, d.age)}")
     marks = ["explored"] * bool(d.explored) + ["nothing learned yet"] * (not d.learned)
@@ -108,7 +108,7 @@ def headline(d: Decision, tick: int, *, bold: bool = False) -> str:
 
 
 def decision_text(choice: Choice) -> str:
-    """Return a decision in Markdown: what was taken and when, and a table with the least score first."""
+    """Return a decision in Markdown: the option taken, when, and a table with the least score first."""
     d = choice.decision
     head = f"**{choice.name}**: " + headline(d, choice.tick, bold=True)
     order = np.argsort(np.where(d.open, d.score, np.inf), kind="stable")

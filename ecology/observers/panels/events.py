@@ -1,4 +1,4 @@
-"""The event log: who was born, died, bit, gave, ate, slept, and what was done from outside."""
+"""Event log: births, deaths, bites, gifts, meals, sleep, and interventions."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ DEED = 0xFFD23FFF  # colour of an intervention
 
 
 class Events(Panel):
-    """Writes every event of a few agents, of many the first of each kind, and how many more."""
+    """Writes every event if there are few agents; otherwise the first of each kind, and the number of others."""
 
     def sample(self, watch: Watch) -> Any:
-        """Return what happened, and what was done from outside."""
+        """Return the events and the interventions."""
         return watch.happened, watch.deeds
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:

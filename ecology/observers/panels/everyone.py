@@ -1,4 +1,4 @@
-"""Every need of every agent of a species: that of an agent that is clicked stands out."""
+"""Every need of every agent of a species; the lines of a clicked agent stand out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ecology.observers.scene import FAINT, FEW
 
 
 class Everyone(Panel):
-    """Shows a plot per need with a line for every agent, of what the bodies record."""
+    """Shows a plot per need with a line for every agent, from the recorded bodies."""
 
     each = True
 

@@ -1,4 +1,4 @@
-"""What the agent in focus expects, J, against the drive that it then met."""
+"""Expectation J of the agent in focus, against the drive that followed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Both futures of a run that was forked while it was watched, in one picture: what differs between them."""
+"""Comparison of a run with the fork that was made while it was watched."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class Futures(Panel):
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
         self._began, self._change = 0, ""
-        self._first: int | None = None  # tick at which somebody was first seen to act otherwise
+        self._first: int | None = None  # first tick at which an agent acted differently
 
     def begin(self, tick: int, change: str) -> None:
         """Note when the futures part, and what is changed in the fork."""
         self._began, self._change = tick, change
 
     def compare(self, here: Watch, there: Watch) -> Any:
-        """Return how both stand, and a text that says what differs."""
+        """Return the numbers of both futures, and a text with their differences."""
         sides, groups = (here.state, there.state), self.scene.groups.values()
         living = [int(state.alive[g.slots].sum()) for g in groups for state in sides]
         drives = [self._mean(state.own_drive[g.slots][state.alive[g.slots]]) for g in groups for state in sides]

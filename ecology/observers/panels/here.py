@@ -1,4 +1,4 @@
-"""J here and now: over the arena, for the agent in focus as it is, wherever it might stand."""
+"""Map of J over the arena, for the present state of the agent in focus at every place."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CELLS = 40  # along the longer side of the arena
 
 
 class Here(Panel):
-    """Draws J at the state of the focus, with another place in it for every cell."""
+    """Draws J at the state of the agent in focus, with the position replaced by that of each cell."""
 
     each = True
 

@@ -1,4 +1,4 @@
-"""The legend above the arena: the colour scale of the drive, and what else has a colour."""
+"""Legend above the arena: the colour scale of the drive, and all other colours."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from ecology.observers.scene import BACKGROUND, INK, MAP_SCALE, Scene
 
 
 class Maps(Panel):
-    """Draws the maps of a species' focus, now and then and when it changes."""
+    """Draws the maps of a species' agent in focus, at intervals and when the focus changes."""
 
     each = True
 

@@ -1,4 +1,4 @@
-"""Marks where somebody was born, died, bit or gave since the last sample."""
+"""Marks of births, deaths, bites and gifts since the last sample."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Marks(Panel):
                 found.setdefault(event.kind, []).extend(shapes.mark(event.kind, event.place, event.other_place, wide))
         for kind, strips in found.items():
             strips[2 * MARKS :] = []
-            if kind in ("bit", "gave"):  # who was put elsewhere after it is not joined by a line
+            if kind in ("bit", "gave"):  # a body that was put elsewhere afterwards gets no line
                 strips[:] = [strip for strip in strips if np.hypot(*(strip[1] - strip[0])) <= 2 * far]
         return found
 

@@ -1,4 +1,4 @@
-"""Everybody's decisions, where there are few: what each agent weighed when it decided."""
+"""Decisions of all agents, if there are few."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ecology.observers.scene import EVERYBODY, Scene
 
 
 class Minds(Panel):
-    """Records every decision when it is made; who looks back is shown it."""
+    """Records every decision when it is made, so that a viewer can look back at it."""
 
     each = True
 

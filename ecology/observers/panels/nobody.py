@@ -1,4 +1,4 @@
-"""A word over the arena where nobody lives any more."""
+"""Note over the arena that no agent is alive any more."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ecology.observers.scene import INK, Scene
 
 
 class Nobody(Panel):
-    """Says so, and since when."""
+    """Writes the note, with the tick since which it holds."""
 
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
-        self._since: int | None = None  # tick at which it was found that nobody lives
+        self._since: int | None = None  # tick at which no living agent was first found
         self._said = False
 
     def is_there(self) -> bool:
@@ -24,7 +24,7 @@ class Nobody(Panel):
         return "died" in self.scene.marks
 
     def sample(self, watch: Watch) -> Any:
-        """Return since when nobody lives, None where somebody does."""
+        """Return the tick since which no agent is alive, None if one is."""
         if watch.state.alive.any():
             self._since = None
         elif self._since is None:
@@ -33,7 +33,7 @@ class Nobody(Panel):
         return self._since
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
-        """Write it, or wipe it out."""
+        """Write the note, or clear it."""
         (low, bottom), (high, top) = self.scene.scenario.arena.extent
         for s, since in zip(batch.samples, batch.of(self), strict=True):
             if (since is not None) == self._said:

@@ -12,7 +12,7 @@ from ecology.observers.scene import BACKGROUND, FAINT, FLOOR, WALL
 
 
 class Plane(Panel):
-    """Lays out the plane with y upwards, and draws what stands in it for good."""
+    """Lays out the plane with y upwards, and draws everything in it that does not change."""
 
     def open(self, rec: rr.RecordingStream) -> None:
         """Draw the arena."""

@@ -1,4 +1,4 @@
-"""What a scenario itself names to be drawn: a corridor, food in hand, a trap."""
+"""Lines that a scenario adds to the picture: a corridor, food in hand, a trap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Resources: circles, how full they are, and what they are called."""
+"""Resources: their circles, stocks and names."""
 
 from __future__ import annotations
 

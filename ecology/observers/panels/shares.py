@@ -1,4 +1,4 @@
-"""What the agent in focus wants: the shares of its needs in its own drive, on one scale."""
+"""Shares of each need in the own drive of the agent in focus, on one scale."""
 
 from __future__ import annotations
 

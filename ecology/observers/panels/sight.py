@@ -1,4 +1,4 @@
-"""What the agent in focus sees: its view field and its lines of sight, a ring around it and its name beside it."""
+"""Sight of the agent in focus: its field of view and lines of sight, with a ring around it and its name beside it."""
 
 from __future__ import annotations
 

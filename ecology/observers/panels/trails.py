@@ -15,7 +15,7 @@ TRAIL_TICKS = 100  # length of a trail
 
 
 class Trails(Panel):
-    """Draws the trail of every agent of a few, of many that of the focus."""
+    """Draws the trail of every agent if there are few, otherwise that of the focus."""
 
     each = True
 
@@ -57,5 +57,5 @@ class Trails(Panel):
         rec.send_columns(f"world/trail/{self.name}", batch.times, dots)
 
     def overrides(self) -> dict[Any, Any]:
-        """Show the last so many ticks."""
+        """Show the trails of the last ticks alone."""
         return {f"world/trail/{self.name}": last(TRAIL_TICKS, self.scene.scenario.dt)}

@@ -33,7 +33,7 @@ def closed(hours: float) -> tuple[float, float]:
 
 
 def most_without() -> float:
-    """Return the hours of access a day beyond which h* rises from where it is at first."""
+    """Return the hours of access a day above which h* rises from its initial value."""
     return (RECOVERY * DAY / (RISE * START) - WHOLE) / (LEAVES * HOUR)
 
 
@@ -57,7 +57,7 @@ def _look(env: Ecology, state: Any) -> tuple[float, bool]:
 
 
 def scripted(hours: float) -> dict[str, Any]:
-    """Return the sessions of a body that presses where half a dose is missing in brain and buffer together."""
+    """Return the sessions of a body that presses when brain and buffer together lack half a dose."""
     env, tick = answers.begin("addiction", 0, hours=hours, hurry=HURRY, dt=COARSE)
 
     def policy(env: Ecology, tick: Tick) -> Ints:
@@ -77,7 +77,7 @@ def learned(hours: float, seed: int) -> dict[str, Any]:
 
 
 def rises_from(lives: Mapping[float, Any]) -> float:
-    """Return the access from which h* rises: where the line through the lives that escalated meets no change."""
+    """Return the access above which h* rises: the point of no change on a line through the runs that escalated."""
     gains = {hours: life["set_point"][-1] - life["set_point"][0] for hours, life in lives.items()}
     some = sorted(hours for hours, gain in gains.items() if gain > 2.0)[:2]
     first = [lives[h]["set_point"][2] - lives[h]["set_point"][1] for h in some]

@@ -42,7 +42,7 @@ def _always(action: str) -> answers.Policy:
 
 
 def preferences(m1: float, m2: float, seed: int = 0) -> dict[str, float]:
-    """Return what a body that tries both for a tick prefers at 200 random pairs of deviations."""
+    """Return the preferences of a body that tries both meals for a tick, at 200 random pairs of deviations."""
     rng = np.random.default_rng([seed, 3])
     pairs = -rng.uniform(0.0, 3.0, (PAIRS, 2))
     after = {}
@@ -54,7 +54,7 @@ def preferences(m1: float, m2: float, seed: int = 0) -> dict[str, float]:
 
 
 def boundary(pairs: Floats, first: np.ndarray, m1: float, m2: float) -> dict[str, float]:
-    """Return the share of choices (k,) that are right at `pairs` (k, 2), and the slope that parts them best.
+    """Return the share of choices (k,) that are right at `pairs` (k, 2), and the slope that separates them best.
 
     The rule is m_1 |delta_1| > m_2 |delta_2|; its slope |delta_2| / |delta_1| is m_1 / m_2.
     """
@@ -112,7 +112,7 @@ def stationary(exponent: float, reach: int = REACH) -> float:
 
 
 def learned(seed: int, ticks: int = LIVED) -> dict[str, float]:
-    """Return what a learner that has lived on both foods prefers: deprivation, dose, and risk with what it lacks."""
+    """Return the preferences of a learner trained on both foods: for deprivation, for dose, and for risk by deficit."""
     env, minds, _, rows = answers.learn(
         "choice", seed, ticks, lambda _, s: (int(s.action[0]), float(s.own_drive[0])), noise=0.1
     )
@@ -143,7 +143,7 @@ def ask(env: Ecology, mind: Learner, internal: Any, among: tuple[str, ...]) -> i
 
 
 def first_rest(env: Ecology, mind: Learner, hungry: float, most: int = 12) -> float:
-    """Return how much a frozen learner eats that lacks `hungry` of food alone, until it does something else."""
+    """Return how much a frozen learner that lacks only `hungry` of food eats until it does something else."""
     tick = env.put(internal=np.array([[MIDDLE - hungry, MIDDLE]]))
     mind.begin()
     start = env.state_view.ingested[0, 0]

@@ -1,4 +1,4 @@
-"""B4: the paradox of enrichment, with everybody anywhere."""
+"""B4: the paradox of enrichment, in a well-mixed world."""
 # ruff: noqa: ARG005  (all policies and looks are of one form)
 
 from __future__ import annotations

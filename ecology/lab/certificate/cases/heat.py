@@ -56,7 +56,7 @@ def scripted(ahead: int, load: float = LOAD) -> dict[str, Any]:
 
 
 def learned(seed: int, ticks: int = TRAINED) -> dict[str, Any]:
-    """Return how a learner that has lived with the load does in `EPISODES` more trials, without learning."""
+    """Return the results of a learner trained with the load in `EPISODES` more trials, without learning."""
     _, minds, _, _ = answers.learn("heat", seed, ticks, lethal=False, gap=GAP, trials=ticks // 100)
     found = []
     for omits in (False, True):

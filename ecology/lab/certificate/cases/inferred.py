@@ -55,7 +55,7 @@ def expected(signs: float) -> float:
 
 
 def learned(kind: str, seed: int) -> dict[str, Any]:
-    """Return how long pairs live with a trained learner, and how well it infers what the partner feels."""
+    """Return how long pairs with a trained learner survive, and how well it infers what the partner feels."""
     words = KINDS[kind]
     env, minds, tick, _ = _train(words, seed)
     mind = minds["possessor"]
@@ -74,7 +74,7 @@ def learned(kind: str, seed: int) -> dict[str, Any]:
 
 
 def _train(words: Mapping[str, Any], seed: int, ticks: int | None = None) -> tuple[Ecology, Any, Tick, Any]:
-    """Let a learner live for `ticks` or TRAINED; whoever dies begins anew, and the learner keeps what it knows."""
+    """Train a learner for `ticks` or TRAINED; an agent that dies starts again, and the learner keeps its knowledge."""
     from ecology.agents import loop
 
     env, tick = answers.begin("inferred", seed, noise=NOISE, **words)
@@ -91,7 +91,7 @@ def _train(words: Mapping[str, Any], seed: int, ticks: int | None = None) -> tup
 
 
 def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarray:
-    """Return what is inferred of the partner's drive, what it is, and its sign, over ticks of random acts, (k, 3)."""
+    """Return the inferred and the true drive of the partner, and its sign, over ticks of random actions, (k, 3)."""
     rng, found = np.random.default_rng(1), []
     for k in range(ticks):
         act = int(rng.integers(2))

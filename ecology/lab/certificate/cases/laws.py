@@ -44,7 +44,7 @@ def noise(seed: int) -> float:
 
 
 def fixation(seed: int) -> float:
-    """Return in what share of worlds the marker of the first founder is all there is in the end."""
+    """Return the share of worlds in which the marker of the first founder reaches fixation."""
     won = 0
     for k in range(REPLICATES):
         env, _ = answers.begin("laws", 1_000 * seed + k, law="drift", n=FEW)
@@ -61,7 +61,7 @@ def fixation(seed: int) -> float:
 
 
 def growth(seed: int) -> float:
-    """Return the rate at which numbers grow, once ages are mixed."""
+    """Return the growth rate of the population once the age structure is stable."""
     env, tick = answers.begin("laws", seed, law="growth", n=20)
     rest = lambda env, _: np.zeros(env.size, np.int64)  # noqa: E731
     counts = np.array(answers.play(env, tick, 150, rest, lambda _, t: int(t.alive.sum())), float)

@@ -78,7 +78,7 @@ def two_processes(swing: float) -> dict[str, float]:
 
 
 def survives(start: float, meal: str, seed: int = 0) -> float:
-    """Return the share of bodies alive at dawn that all day take `meal`."""
+    """Return the share of bodies that are alive at dawn after taking `meal` all day."""
     env, tick = answers.begin("night", seed, start=start, mean=MEAN, night=NIGHT, count=BODIES)
 
     def policy(env: Ecology, tick: Tick) -> Ints:
@@ -114,7 +114,7 @@ def learned(seed: int) -> dict[str, float]:
         watch = answers.Watch(lambda _, s: (s.action[s.alive].tolist(), float(s.alive.mean())))
         for _ in range(
             LIVED // round(DAY)
-        ):  # every day the dead return and begin as they were, and keep what they know
+        ):  # every day dead agents return with their initial needs, and keep what they have learned
             tick = loop.run(env, minds, tick, round(DAY), (watch,))
             alive.append(watch.rows[-1][1])
             internal = env.state_view.internal.copy()

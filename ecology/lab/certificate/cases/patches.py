@@ -115,7 +115,7 @@ def learned(travel: float, seed: int) -> dict[str, float]:
     eats = [row[0] for row in rows]
     half = len(rows) // 2
     found = residence(eats, A, 0.0)
-    # meals that a look elsewhere interrupts are one stay: what counts is the time from arrival to departure
+    # meals with a short interruption are one stay: the time from arrival to departure counts
     return {**found, "rate": (rows[-1][1] - rows[half][1]) / (len(rows) - half)}
 
 

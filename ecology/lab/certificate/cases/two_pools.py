@@ -20,14 +20,14 @@ from ecology.state import Floats, Ints
 ORDER = 34
 RATIOS = (1.0, 2.0, 4.0, 8.0)
 AGENTS, TICKS = 48, 1_200
-EPSILON = 0.1  # of agents that go anywhere
+EPSILON = 0.1  # of agents that choose at random
 MOVES = 0.02  # share of agents a tick that compare the pools
 LEARNERS, LIVED = 24, 4_000
 HALL = POOL + APART / 2  # x of the middle
 
 
 def look(env: Ecology, state: Any) -> tuple[float, float, float, float]:
-    """Return how many stand in the left and in the right pool, and what each pool gave so far."""
+    """Return the numbers of agents in the left and in the right pool, and the total that each pool gave so far."""
     inside = state.inside.sum(axis=0)
     return float(inside[0]), float(inside[1]), float(state.eaten[0]), float(state.eaten[1])
 
@@ -83,7 +83,7 @@ def slope(lives: Mapping[float, Mapping[str, float]]) -> float:
 
 
 def slope_of(epsilon: float) -> float:
-    """Return the slope where a share epsilon goes anywhere and the others do not make up for it."""
+    """Return the slope if a share epsilon chooses at random and the others do not make up for it."""
     share = {r: (1 - epsilon) * r / (1 + r) + epsilon / 2 for r in RATIOS}
     return answers.fit_line([math.log(r) for r in RATIOS], [math.log(s / (1 - s)) for s in share.values()])[0]
 

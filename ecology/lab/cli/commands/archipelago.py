@@ -46,7 +46,7 @@ def command(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/NAME-SEED")] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes or actors that share the islands.", show_default="one per CPU")
+        int | None, typer.Option(min=1, help="Processes or actors that run the islands.", show_default="one per CPU")
     ] = None,
     ray: Annotated[
         str | None,
@@ -59,10 +59,16 @@ def command(
     ] = None,
     gpus: Annotated[
         float | None,
-        typer.Option("--gpus-per-worker", min=0.0, help="GPUs of each Ray actor.", show_default="1 with --device cuda"),
+        typer.Option(
+            "--gpus-per-worker",
+            min=0.0,
+            help="GPUs that each Ray actor reserves.",
+            show_default="1 with --device cuda",
+        ),
     ] = None,
     memory: Annotated[
-        float | None, typer.Option("--memory-per-worker", min=0.0, metavar="GIB", help="Memory of each Ray actor.")
+        float | None,
+        typer.Option("--memory-per-worker", min=0.0, metavar="GIB", help="Memory that each Ray actor reserves."),
     ] = None,
     snapshot_every: Annotated[
         int | None,
@@ -79,8 +85,10 @@ def command(
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor recordings.")] = False,
     resume: Annotated[Path | None, typer.Option(help="Folder of a run to resume.")] = None,
-    fork: Annotated[Path | None, typer.Option(help="Folder of a run to fork at the tick --at.")] = None,
-    at: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="With --fork: a common snapshot.")] = None,
+    fork: Annotated[Path | None, typer.Option(help="Folder of a run to fork; needs --at.")] = None,
+    at: Annotated[
+        int | None, typer.Option(min=0, metavar="TICK", help="With --fork: tick of the common snapshot to fork from.")
+    ] = None,
     source: Source = None,
     trust: Trust = False,
     quiet: Quiet = False,
@@ -133,7 +141,7 @@ def command(
 def _hosts(
     it: ArchipelagoRun, ray: str | None, gpus: float | None, memory: float | None
 ) -> tuple[Callable[[Path], Handle], int]:
-    """Return what starts a host, and how many there are to be."""
+    """Return a function that starts a host, and the number of hosts to start."""
     from ecology.lab.islands.hosts import ProcessHost, RayHost
     from ecology.lab.runs import cluster
     from ecology.machine import count_cpus
@@ -150,7 +158,7 @@ def _hosts(
 
 
 def _progress(quiet: bool) -> Callable[[str], None]:
-    """Return what prints how far the islands are, now and then."""
+    """Return a function that prints the progress of the islands, at most once every LINE seconds."""
     then = [time.monotonic() + LINE]
 
     def tell(words: str) -> None:
@@ -163,7 +171,7 @@ def _progress(quiet: bool) -> Callable[[str], None]:
 
 
 def _print(it: ArchipelagoRun, summary: dict[str, Any]) -> None:
-    """Print what the archipelago came to."""
+    """Print a summary of the archipelago's run."""
     passed = f"{summary['migrated']:,} migrated, {summary['refused']:,} found no room"
     if it.voyage.world.pool is not None:
         passed = f"{summary['generations']:,} generations" + (f"; {passed}" if it.voyage.world.migrations else "")

@@ -1,4 +1,4 @@
-"""`ecology bench`: how fast the world is."""
+"""`ecology bench`: measure the speed of the world."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ def command(
     others = [word.strip() for word in against.split(",") if word.strip()]
     for name in pythons:
         if name not in others:
-            raise EcologyError(f"--python {name} is of a world that is not compared with; name it in --against too.")
+            raise EcologyError(f"--python {name} is none of the worlds to compare with; name it in --against too.")
     learners = [name for name in (learner or bench.LEARNERS) if name != "none"]
     if (out / bench.TABLE).exists():
         raise EcologyError(f"the folder {str(out)!r} holds a benchmark; give another with --out.")
-    check_writable(out)  # what cannot be kept is told before the long part
+    check_writable(out)  # fail before the long part
     console = Console(stderr=True, quiet=quiet)
     with bench.pinned(core) as pinned, console.status("") as status:
         wanted = bench.points(counts, learners, {name: pythons.get(name, sys.executable) for name in others})
@@ -80,6 +80,6 @@ def command(
         Console().print(table)
         taken = sorted(row["calibration_seconds"] * 1e3 for row in rows)
         where = "not pinned" if pinned is None else f"core {pinned}"
-        print(f"{where}; the loop that is always the same took {taken[0]:.1f} to {taken[-1]:.1f} ms between them")
+        print(f"{where}; the calibration loop took {taken[0]:.1f} to {taken[-1]:.1f} ms between measurements")
         print(", ".join(bench.called(name, version) for name, version in used.items()))
         print(f"written: {', '.join(map(str, written))}")

@@ -1,4 +1,4 @@
-"""`ecology do`: intervene in a run that is alive."""
+"""`ecology do`: intervene in a run in progress."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ ORDER = 6
 
 
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that is alive.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run in progress.")],
     what: Annotated[
         list[str],
         typer.Argument(
             metavar="WHAT",
-            help="move AGENT X Y; move RESOURCE[.N] X Y; refill RESOURCE[.N] [STOCK]; empty RESOURCE[.N]; "
-            "put SPECIES X Y; remove AGENT; set AGENT NEED VALUE; shift AGENT NEED SET_POINT; empathy SPECIES WEIGHT; "
-            "learning SPECIES on, or off; show CUE VALUE; change PATH NUMBER.",
+            help="Intervention: move AGENT X Y; move RESOURCE[.N] X Y; refill RESOURCE[.N] [STOCK]; "
+            "empty RESOURCE[.N]; put SPECIES X Y; remove AGENT; set AGENT NEED VALUE; shift AGENT NEED SET_POINT; "
+            "empathy SPECIES WEIGHT; learning SPECIES on, or off; show CUE VALUE; change PATH NUMBER.",
         ),
     ],
 ) -> None:
-    """Intervene in a run that is alive, between two of its ticks, and print what was done."""
+    """Intervene in a run in progress, between two of its ticks, and print what was done."""
     from ecology.lab.runs.folder import CONFIG, INTERVENTIONS, check_run, is_locked
     from ecology.observers.mailbox import request
     from ecology.verbs import split
@@ -38,6 +38,6 @@ def command(
             lambda: is_locked(run),
             ended=f"to change the past, add a line to {INTERVENTIONS} and repeat the run with "
             f"`ecology run --config {run}/{CONFIG} --replay {INTERVENTIONS}`.",
-            silent="a tick takes longer than that; look into interventions.jsonl whether it was done.",
+            silent="a tick takes longer than that; check interventions.jsonl to see whether it was done.",
         )
     )

@@ -1,4 +1,4 @@
-"""`ecology evaluate`: how well a run has learned."""
+"""`ecology evaluate`: measure how well a run has learned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`ecology film`: a film of a recording."""
+"""`ecology film`: make a film from a recording."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def command(
         typer.Option("--from", min=0, metavar="TICK", help="First tick.", show_default="200 frames before the end"),
     ] = None,
     to: Annotated[int | None, typer.Option(min=0, metavar="TICK", help="Last tick.", show_default="the last")] = None,
-    fps: Annotated[float, typer.Option(help="Frames per second, one recorded tick each.")] = 20.0,
+    fps: Annotated[float, typer.Option(help="Frames per second; each frame is one recorded tick.")] = 20.0,
     size: Annotated[str, typer.Option(metavar="WxH", help="Size in pixels.")] = "800x600",
     follow: Annotated[
         str | None,
-        typer.Option(metavar="WHO", help="Agent (prey_17) that wears a ring.", show_default="with --mind the first"),
+        typer.Option(metavar="WHO", help="Agent (prey_17) to mark with a ring.", show_default="with --mind the first"),
     ] = None,
     zoom: Annotated[
         float | None,
-        typer.Option(min=1.0, help="With --follow: the camera goes with the agent, this many times closer."),
+        typer.Option(min=1.0, help="With --follow: let the camera follow the agent, this many times closer."),
     ] = None,
-    trail: Annotated[int, typer.Option(min=0, help="Frames of the trails.")] = 0,
+    trail: Annotated[int, typer.Option(min=0, help="Length of the trails in frames.")] = 0,
     mind: Annotated[bool, typer.Option("--mind", help="Show needs and decision of an agent beside the arena.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -49,7 +49,7 @@ def command(
     scenario = load_world(run)
     films.check(target, fps)
     if zoom is not None and follow is None:
-        raise EcologyError("--zoom requires --follow WHO: the camera goes with an agent.")
+        raise EcologyError("--zoom requires --follow WHO: the camera follows an agent.")
     shot = Shot(size=_read_size(size), zoom=zoom, trail=trail, beside=mind)
     frames = readback.frames(run, scenario, from_, to)
     if frames and (mind or follow is not None):

@@ -11,7 +11,7 @@ ORDER = 5
 
 
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that is going on.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run in progress.")],
     who: Annotated[str, typer.Argument(metavar="WHO", help="Agent (prey_17), species, or hungriest.")],
 ) -> None:
     """Bring another agent into focus in a run that records or is watched."""

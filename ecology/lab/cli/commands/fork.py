@@ -1,4 +1,4 @@
-"""`ecology fork`: another future of a run."""
+"""`ecology fork`: continue a run from a tick with a change."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def command(
     set_: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="Setting to change; settings that only act at the start change nothing."
+            "--set", metavar="KEY=VALUE", help="Setting to change; settings that only act at the start have no effect."
         ),
     ] = None,
     remove: Annotated[list[str] | None, typer.Option(metavar="AGENT", help="Agent to remove.")] = None,
     move: Annotated[list[str] | None, typer.Option(metavar="RESOURCE=x,y", help="Resource to move.")] = None,
     do: Annotated[
-        list[str] | None, typer.Option(metavar="WHAT", help="Intervention in the fork, as of `ecology do`.")
+        list[str] | None, typer.Option(metavar="WHAT", help="Intervention to make in the fork, as in `ecology do`.")
     ] = None,
     ticks: Annotated[int | None, typer.Option(min=1, help="Tick to run to.", show_default="as the run")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the fork.", show_default="RUN-at-TICK")] = None,
     record: Annotated[
-        bool | None, typer.Option("--record/--no-record", help="Write metrics and a recording, or do not.")
+        bool | None, typer.Option("--record/--no-record", help="Write metrics and a recording, or neither.")
     ] = None,
     keep_every: Annotated[int | None, typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks.")] = None,
     device: Annotated[

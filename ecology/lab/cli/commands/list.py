@@ -1,4 +1,4 @@
-"""`ecology list`: what there is to run."""
+"""`ecology list`: list what can be run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`ecology new`: begin a scenario of your own."""
+"""`ecology new`: start a scenario of your own."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def command(
     name: Annotated[str, typer.Argument(help="A Python identifier; NAME.py is written.")],
     with_: Annotated[
         list[str] | None,
-        typer.Option("--with", metavar="COMPONENT", help="Component to put in, listed below; can be repeated."),
+        typer.Option("--with", metavar="COMPONENT", help="Component to add, listed below; can be repeated."),
     ] = None,
 ) -> None:
     """Write a small scenario file to start from."""

@@ -1,4 +1,4 @@
-"""`ecology reproduce`: published results, reproduced and compared."""
+"""`ecology reproduce`: reproduce published results and compare them."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _measure_minds(
 
 
 def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
-    """Do the parts of cases that are not done, and write and print their rows."""
+    """Run the unfinished parts of cases, and write and print their rows."""
     from ecology.lab.certificate import ledger as ledgers
     from ecology.lab.certificate import reference, report
 

@@ -59,14 +59,14 @@ def command(
     serve: Annotated[bool, typer.Option("--serve", help="Show the run in a browser, and let viewers attach.")] = False,
     port: Port = None,
     paused: Annotated[
-        bool, typer.Option("--paused", help="With --serve: begin paused, before the first tick.")
+        bool, typer.Option("--paused", help="With --serve: start paused, before the first tick.")
     ] = False,
     pace: Annotated[
         float | None,
-        typer.Option(metavar="N", help="With --serve: ticks per second.", show_default="as fast as it goes"),
+        typer.Option(metavar="N", help="With --serve: ticks per second.", show_default="as fast as possible"),
     ] = None,
     no_wait: Annotated[
-        bool, typer.Option("--no-wait", help="With --serve: do not wait for pages that are behind.")
+        bool, typer.Option("--no-wait", help="With --serve: do not wait for pages that fall behind.")
     ] = False,
     connect: Annotated[str | None, typer.Option(metavar="URL", help="Address of an open viewer to stream to.")] = None,
     focus: Annotated[
@@ -93,7 +93,7 @@ def command(
         refuse_with("--resume", SCENARIO=scenario, seed=seed, learner=learner, set=set_, out=out, config=config)
         refuse_with("--resume", record=record, no_record=no_record or None, keep_every=keep_every, replay=replay)
     elif previous:
-        raise EcologyError("--previous is of --resume RUN; give that too, or leave it out.")
+        raise EcologyError("--previous requires --resume RUN; give that too, or drop --previous.")
     if source is not None and resume is None and config is None:
         raise EcologyError("--source requires --resume RUN or --config FILE: a new run uses the files as they are.")
     if trust and resume is None and config is None:
@@ -151,7 +151,7 @@ def _new_run(scenario: str | None, out: Path | None, config: Path | None, gate: 
 
     words = None if config is None else read_config(config)
     if words and "forked" in words:
-        raise EcologyError(f"the config {str(config)!r} is of a fork; repeat that with `ecology fork`.")
+        raise EcologyError(f"the config {str(config)!r} belongs to a fork; repeat it with `ecology fork`.")
     copies = None if config is None else sources.choose(config.parent, gate.choice)
     plan = resolve(scenario, config=words, copies=copies, gate=None if config is None else gate, **options)
     run = Run(plan, out or Path("runs") / f"{Path(plan.scenario).stem}-{plan.seed}")

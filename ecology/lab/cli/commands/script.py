@@ -1,4 +1,4 @@
-"""`ecology script`: what was done to a run, as a schedule."""
+"""`ecology script`: write the interventions of a run as a schedule."""
 
 from __future__ import annotations
 

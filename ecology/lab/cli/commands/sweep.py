@@ -1,4 +1,4 @@
-"""`ecology sweep`: many runs of a scenario."""
+"""`ecology sweep`: run a scenario many times."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def _live(
     show: Sequence[str],
     quiet: bool,
 ) -> None:
-    """Live the cells that are waiting, add what became of them to `outcomes`, and sum up all cells."""
+    """Run the cells that are waiting, add their results to `outcomes`, and sum up all cells."""
     from ecology.lab.cli.progress import runs_bar
     from ecology.lab.runs import sweep as sweeps
     from ecology.lab.runs.folder import lock

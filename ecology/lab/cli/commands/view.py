@@ -1,4 +1,4 @@
-"""`ecology view`: look at a recording."""
+"""`ecology view`: open a recording."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ORDER = 11
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, or a recording.")],
     focus: Annotated[
-        str | None, typer.Option(metavar="WHO", help="Agent (prey_17) or species whose life is drawn.")
+        str | None, typer.Option(metavar="WHO", help="Agent (prey_17) or species to show closely.")
     ] = None,
     serve: Annotated[
         bool, typer.Option("--serve", help="Show the recording in a browser, where a click brings an agent into focus.")
@@ -31,23 +31,26 @@ def command(
         bool,
         typer.Option(
             "--relive",
-            help="With --focus or --serve: work out the decisions of agents that were not in focus, from checkpoints.",
+            help="With --focus or --serve: compute the decisions of agents that were not in focus, from checkpoints.",
         ),
     ] = False,
     trust: Trust = False,
     screenshot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="File to save a picture to instead; needs no screen.")
+        Path | None,
+        typer.Option(
+            metavar="FILE.png", help="File to save a picture to, instead of opening a viewer; needs no screen."
+        ),
     ] = None,
     tick: Annotated[int | None, typer.Option(min=0, help="Tick of the picture.", show_default="the last")] = None,
 ) -> None:
     """Open the recording of a run in the Rerun viewer, or save what it shows."""
     if tick is not None and screenshot is None:
-        raise EcologyError("--tick is of a picture; give --screenshot FILE.png too, or leave it out.")
+        raise EcologyError("--tick requires --screenshot FILE.png.")
     check_port(port, serve=serve)
     if relive and focus is None and not serve:
-        raise EcologyError("--relive is of an agent: give --focus WHO, or --serve and click one.")
+        raise EcologyError("--relive requires an agent: give --focus WHO, or --serve and click one.")
     if trust and not relive:
-        raise EcologyError("--trust requires --relive: nothing else here runs the code of a run.")
+        raise EcologyError("--trust requires --relive: without it, `view` runs no code of a run.")
     if serve and screenshot is not None:
         raise EcologyError("--serve and --screenshot are two ways to look; give one of them.")
     from ecology.lab.cli.live import wait, web_port
@@ -96,7 +99,7 @@ def command(
 
 
 def _needs_layout(run: Path) -> bool:
-    """Return whether the layout that a run began with shows it badly: nobody lives at its end, or it was forked."""
+    """Return whether a run needs a new layout: no agent is alive at its end, or it was forked."""
     from ecology.lab.runs.folder import SUMMARY
 
     try:
