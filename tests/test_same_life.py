@@ -57,4 +57,4 @@ def test_results_name_the_reference_life(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(reference, "here", lambda: reference.PUBLISHED)
     assert reference.line().endswith("as published.")
     monkeypatch.setattr(reference, "here", lambda: "0123456789abcdef")
-    assert "0123456789abcdef, published 1a12" in reference.line()
+    assert f"0123456789abcdef, published {reference.PUBLISHED}" in reference.line()
