@@ -23,7 +23,7 @@ class GymEnv(gymnasium.Env):
     `world` is the Ecology underneath.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": 30}  # type: ignore[misc]
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 30}  # type: ignore[misc]
 
     def __init__(self, scenario: Scenario, *, horizon: int | None = None, render_mode: str | None = None) -> None:
         """Build the world of `scenario`; EcologyError unless it has one slot."""

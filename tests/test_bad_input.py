@@ -204,8 +204,8 @@ WRONG = {
     "not a scenario": (lambda: ecology.parallel_env("paper"), ["Scenario", "'paper'", "scenarios.load"]),
     "no horizon": (lambda: ecology.parallel_env(scenario(), horizon=0), ["horizon", "positive", "0"]),
     "an unknown render mode": (
-        lambda: ecology.parallel_env(scenario(), render_mode="human"),
-        ["render_mode", "'human'"],
+        lambda: ecology.parallel_env(scenario(), render_mode="ansi"),
+        ["render_mode", "'ansi'"],
     ),
 }
 

@@ -135,7 +135,7 @@ def rule(world, rng):
     ecology("new", "mine")
     text = Path("mine.py").read_text()
     Path("mine.py").write_text(
-        text.replace("\n\ndef build", rule + "\n\ndef build").replace("dt=dt, t", "rule=rule, dt=dt, t")
+        text.replace("\n\ndef build", rule + "\n\ndef build").replace("dt=dt,\n", "rule=rule,\n        dt=dt,\n")
     )
     code, out, err = ecology("check", "mine.py", "--ticks", "30")
     assert code == 1

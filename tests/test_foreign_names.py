@@ -61,4 +61,4 @@ def test_every_process_of_our_own_is_started_away_from_the_present_folder() -> N
             if isinstance(node, (ast.List, ast.Tuple)) and node.elts and ast.unparse(node.elts[0]) == "sys.executable":
                 assert ast.unparse(node.elts[1]) == "'-P'", path
                 found += 1
-    assert found == 4
+    assert found == 5

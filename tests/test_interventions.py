@@ -301,7 +301,7 @@ def test_a_run_that_stopped_resumes_among_its_interventions(lived, world, tmp_pa
 
 
 def test_a_fork_has_the_past_of_its_run(lived, tmp_path):
-    """The world at a tick is reached with all that was done before, and the fork has a log of its own."""
+    """The world at a tick is reached with all that was done before; the log of the fork holds that too and replays whole."""
     from ecology.lab.runs.fork import fork
 
     forked = fork(open_run(tmp_path / "first"), 14, tmp_path / "fork", changes={})
@@ -313,7 +313,7 @@ def test_a_fork_has_the_past_of_its_run(lived, tmp_path):
     for name, array in lived.env.state_view.arrays().items():
         np.testing.assert_array_equal(array, forked.env.state_view.arrays()[name], err_msg=name)
     log = logs.read_log(tmp_path / "fork/interventions.jsonl")
-    assert [entry.tick for entry in log] == [20, 20, 26, 26]
+    assert [entry.tick for entry in log] == [4, 4, 11, 12, 12, 20, 20, 26, 26]
 
 
 def test_another_thread_is_answered(world, tmp_path):
@@ -449,7 +449,7 @@ def test_interventions_are_recorded(world, tmp_path):
     run.live([*observers, Doer(run)])
     ticks, texts = column(tmp_path / "life.rrd", "/events/interventions", "TextLog:text")
     assert ticks.tolist() == [4, 4, 11, 12, 12, 20, 20]
-    assert texts[2] == ["prey_8 was removed"]
+    assert texts[2] == ["11  prey_8 was removed"]
     table = read(tmp_path / "metrics.parquet")
     told = dict(zip(*(table[name].to_pylist() for name in ("tick", "interventions")), strict=True))
     assert told[10] is None

@@ -183,7 +183,7 @@ def test_more_runs_start_when_there_is_room_for_more(tmp_path: Path) -> None:
     [
         (("--gpus-per-run", "1"), "--gpus-per-run requires --ray"),
         (("--memory-per-run", "4"), "--memory-per-run requires --ray"),
-        (("--ray", "local", "--device", "cuda:1"), "give --device cuda with --ray"),
+        (("--ray", "local", "--device", "cuda:1"), "give --device cuda with it"),
         (("--ray", "local", "--device", "cuda", "--gpus-per-run", "0"), "--gpus-per-run above 0"),
         (("--ray", "local", "--gpus-per-run", "1.5"), "a part of one GPU or a whole number"),
         (("--ray", "local", "--memory-per-run", "inf"), "--memory-per-run is a finite number"),

@@ -218,7 +218,7 @@ def test_a_number_of_the_scenario_changes_and_comes_back():
         ("change eater.food.decai 1", "Did you mean 'decay'"),
         ("change eater.food.noise -1", "noise must not be negative"),
         ("change eater.name 1", "is no number"),
-        ("change eater 1", "SPECIES.FIELD"),
+        ("change eater 1", "eater.radius"),
         ("refill grass 9", "between 0 and its capacity"),
     ],
 )
@@ -402,6 +402,6 @@ def test_events_are_recorded_with_session_trial_cues_and_set_points(tmp_path):
     assert table["cues.light"] == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
     assert table["interventions"][:2] == ["tick 0: trial 1 of train", "tick 1: shift eater food 3"]
     events = column(tmp_path / "r.rrd", "/events/interventions", "TextLog:text")
-    assert [each[0] for each in events.values()][-1] == "the set point of food of eater was shifted to 3"
+    assert [each[0] for each in events.values()][-1] == "5  the set point of food of eater was shifted to 3"
     shown = column(tmp_path / "r.rrd", "/population/measures", "Scalars:scalars")
     assert [float(value[0]) for value in shown.values()] == [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]

@@ -179,7 +179,7 @@ def test_a_world_is_read_back_as_data(name: str, tmp_path: Path) -> None:
     assert list(found.measures) == list(scenario.measures)
     bare = [dataclasses.replace(species, learner_settings={}) for species in scenario.species]
     assert dataclasses.replace(found, measures={}) == dataclasses.replace(
-        scenario, rule=None, measures={}, settings={}, species=tuple(bare)
+        scenario, rule=None, props=None, measures={}, settings={}, species=tuple(bare)
     )
 
 
