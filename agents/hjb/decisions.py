@@ -128,7 +128,8 @@ class DecisionRecord:
         if whole:
             slope = (ahead - here) / (-np.log(s.gamma) * step)
         else:
-            slope = learner.slope(slot, zeta[None])[0] @ (change / duration[:, None]).T / -np.log(s.gamma)
+            climb = change / duration[:, None] * learner.slope(slot, zeta[None])[0]
+            slope = climb.sum(axis=1) / -np.log(s.gamma)
         at, every = np.ascontiguousarray(zeta[None], np.float32), np.ones((1, learner.count), bool)
         open_, here_slot = open_[None], np.array([slot])  # what is open competes for the beam alone
         score = np.where(open_, learner.scores(here_slot, at, open_), learner.scores(here_slot, at, every))[0]
