@@ -606,8 +606,9 @@ def on_and_on():
         n += 1
         write(n)
 
-rng = random.Random(0)
-for _ in range(60):
+rng, moments = random.Random(0), 0
+while moments < 60 or opens() <= 20:  # on a busy machine a writer may not come to its first write
+    moments += 1
     pid = child(on_and_on)
     time.sleep(rng.uniform(0.002, 0.02))
     os.kill(pid, signal.SIGKILL)
@@ -618,7 +619,7 @@ print("lived to", opens())
 
 
 def test_a_checkpoint_opens_whenever_its_writer_was_killed(tmp_path: Path) -> None:
-    """SIGKILL before every single operation on files, and at 60 random moments, leaves a whole checkpoint."""
+    """SIGKILL before every single operation on files, and at 60 random moments or more, leaves a whole checkpoint."""
     done = subprocess.run(
         [sys.executable, "-c", KILLED, str(tmp_path / "run/checkpoint")],
         capture_output=True,
@@ -629,7 +630,7 @@ def test_a_checkpoint_opens_whenever_its_writer_was_killed(tmp_path: Path) -> No
     told = done.stdout.split()
     assert int(told[1]) >= 8  # make, write thrice, remove the previous, rename twice
     assert "left [2, 3]" in done.stdout
-    assert int(told[-1]) > 2  # how many fit into the time depends on the machine
+    assert int(told[-1]) > 20
 
 
 def test_the_previous_checkpoint_is_used_on_request(
