@@ -21,6 +21,15 @@ Port = Annotated[
     int | None,
     typer.Option(min=1, max=65535, help="Port of the page for --serve.", show_default="9090, or one that is free"),
 ]
+Device = Annotated[
+    str | None,
+    typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
+]
+
+Ray = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."),
+]
 
 Source = Annotated[
     str | None,

@@ -14,6 +14,7 @@ import typer
 from ecology.errors import EcologyError
 from ecology.lab.cli.options import (
     Quiet,
+    Ray,
     Source,
     Trust,
     announces_compiling,
@@ -48,12 +49,7 @@ def command(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes or actors that run the islands.", show_default="one per CPU")
     ] = None,
-    ray: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."
-        ),
-    ] = None,
+    ray: Ray = None,
     device: Annotated[
         str | None, typer.Option(metavar="cpu|cuda", help="Device that learners compute on.", show_default="cpu")
     ] = None,

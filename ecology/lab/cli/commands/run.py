@@ -12,6 +12,7 @@ import typer
 from ecology.errors import EcologyError, nearest
 from ecology.lab.cli.options import (
     RECORD,
+    Device,
     Port,
     Quiet,
     Source,
@@ -82,10 +83,7 @@ def command(
         int | None,
         typer.Option(min=0, metavar="N", help="Keep a checkpoint every N ticks, to fork from.", show_default="none"),
     ] = None,
-    device: Annotated[
-        str | None,
-        typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
-    ] = None,
+    device: Device = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario and write one folder: config, summary, metrics, recording, checkpoint."""

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import EcologyError, writable
-from ecology.lab.cli.options import Quiet, Source, Trust, announces_compiling, format_number, read_pairs
+from ecology.lab.cli.options import Device, Quiet, Ray, Source, Trust, announces_compiling, format_number, read_pairs
 from ecology.lab.runs.stopping import StoppedError
 from ecology.machine import count_cpus
 
@@ -47,12 +47,7 @@ def command(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of runs at a time.", show_default="one per CPU")
     ] = None,
-    ray: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="Run on the Ray cluster at HOST:PORT; `auto` finds one, `local` starts one."
-        ),
-    ] = None,
+    ray: Ray = None,
     slurm: Annotated[
         str | None,
         typer.Option(
@@ -64,10 +59,7 @@ def command(
         int | None,
         typer.Option("--minutes-per-run", min=1, help="Time limit of a Slurm job.", show_default="the partition's"),
     ] = None,
-    device: Annotated[
-        str | None,
-        typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that learners compute on.", show_default="cpu"),
-    ] = None,
+    device: Device = None,
     gpus: Annotated[
         float | None,
         typer.Option(
