@@ -23,14 +23,14 @@ import pytest
 from conftest import PATIENCE
 
 import ecology
-from ecology import EcologyError, agents
+from ecology import EcologyError, agents, scenarios
 from ecology.agents import checkpoint
 from ecology.agents.base import DivergedError, Learner, Transition
 from ecology.lab.cli import main
 from ecology.lab.runs import tally
 from ecology.lab.runs.folder import CHECKPOINT, EVALUATION, check_evaluation
 from ecology.lab.runs.run import Run, open_run
-from ecology.lab.runs.run_config import Plan, read_config, resolve, words_of
+from ecology.lab.runs.run_config import Plan, read_config, resolve, words_of, world_digest
 from ecology.lab.runs.stopping import Interrupt
 from ecology.observers.base import Observer
 
@@ -520,6 +520,27 @@ def test_a_checkpoint_of_other_settings_of_the_learner_is_refused(tmp_path: Path
     config.write_text(config.read_text().replace("gamma = 0.995", "gamma = 0.9"))
     with pytest.raises(EcologyError, match="learners"):
         open_run(out, 50).resume()
+
+
+def test_worlds_that_have_not_changed_open_older_checkpoints() -> None:
+    """A field that is younger than a checkpoint is left out of the world's digest where it has its default (LATER)."""
+    known = {
+        "paper": "22c7d40e5849",
+        "seasons": "6913d7312e5d",
+        "well_mixed": "f3a96265f9c0",
+        "scavengers": "c36b11624054",
+    }
+    assert {name: world_digest(scenarios.load(name))[:12] for name in known} == known
+
+
+@pytest.mark.parametrize(("written", "power"), [(True, 2), (False, 0)])
+def test_settings_are_read_as_older_runs_wrote_them(written: bool, power: int) -> None:
+    """The relative loss weight was 1 / d^2 or none; its power is a setting since."""
+    plan = resolve("paper", learners=["hjb"], changes={"learner.width": 8}, record=False)
+    settings = {**plan.learners["agent"].settings, "relative_weight": written}
+    group = ecology.parallel_env(scenarios.load("paper")).groups["agent"]
+    made = agents.make("hjb", group, np.random.SeedSequence(0), settings)
+    assert made.encoding.weight_power == power
 
 
 def test_the_words_of_a_checkpoint_are_the_same_in_every_process() -> None:

@@ -63,6 +63,8 @@ class HJB(Learner):
         checked = {}
         for name, value in settings.items():
             kind = type(known[name])
+            if name == "relative_weight" and isinstance(value, bool):
+                value = 2 if value else 0  # as runs say that are older than the power
             if kind is float and isinstance(value, int) and not isinstance(value, bool):
                 value = float(value)
             if type(value) is not kind:

@@ -115,7 +115,8 @@ TABLES = ("settings", "learners", "forked", "island", "made_with")
 # fields that are younger than checkpoints, which know nothing of them: left out where they hold their default
 LATER: Mapping[str, Mapping[str, Any]] = {
     "Arena": {"holes": (), "doors": ()},
-    "Need": {"set_range": None, "adaptation": None, "weight": 1.0, "excess": 1.0},
+    "Need": {"set_range": None, "adaptation": None, "weight": 1.0, "excess": 1.0, "feeds": {}},
+    "Adaptation": {"by": None},
     "Resource": {"decay": 0.0, "gone_below": None, "present": None, "seeding": None},
     "Scenario": {
         "cues": (),
@@ -129,9 +130,9 @@ LATER: Mapping[str, Mapping[str, Any]] = {
         **{"cues": (), "stages": (), "drive_power": 2.0, "traits": ()},
         **{"remains": None, "exposures": (), "faults": (), "carries": {}},
     },
-    "Birth": {"parents": 1, "mates_within": math.inf},
+    "Birth": {"parents": 1, "mates_within": math.inf, "limit": math.inf},
     "Neighbours": {"action": False, "kin": False, "identity": 0},
-    "Action": {"emits": {}, "into": None, "amount": 0.0},
+    "Action": {"emits": {}, "into": None, "amount": 0.0, "drain": {}, "by_stock": False, "cue": None},
 }
 
 
