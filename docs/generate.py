@@ -40,6 +40,9 @@ KINDS = {
 }
 
 
+PRESETS = ("hjb", "algorithm1", "lean", "crowd")  # learners that differ in the settings of hjb alone
+
+
 class Field(NamedTuple):
     """A field of a dataclass: its default is empty where one must be given."""
 
@@ -176,7 +179,7 @@ def learners() -> str:
 
 def learner_settings() -> str:
     """Return the settings of f and J with the values of each preset; empty where it is that of `hjb`."""
-    presets = {name: agents.settings(name) for name in ("hjb", "algorithm1", "lean", "crowd")}
+    presets = {name: agents.settings(name) for name in PRESETS}
     rows = []
     for field in fields_of(hjb.HJBSettings):
         values = [preset[field.name] for preset in presets.values()]
@@ -187,7 +190,7 @@ def learner_settings() -> str:
 
 def baseline_settings() -> str:
     """Return the settings of the other learners."""
-    others = [name for name in agents.LEARNERS if name not in ("hjb", "algorithm1", "lean", "crowd")]
+    others = [name for name in agents.LEARNERS if name not in PRESETS]
     rows = ((code(name), ", ".join(f"`{key}={value!r}`" for key, value in agents.settings(name).items()) or "none")
             for name in others)  # fmt: skip
     return table(("learner", "settings with their defaults"), rows)

@@ -51,7 +51,7 @@ def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
     """Return the lines to draw: the cells of every corridor, the food in its first one, and food in hand."""
     pairs = len(state.alive) // 2
     rows = [APART * i for i in range(pairs)]
-    cells = [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1), (x, y)] for y in rows for x in map(float, range(CELLS))]
+    cells = [square((x + 0.5, y + 0.5), 0.5) for y in rows for x in range(CELLS)]
     carries = [i for i in range(pairs) if state.alive[i] and state.internal[i, 1] > 0]
     return {
         "corridor": cells,

@@ -73,7 +73,7 @@ def props(state: State) -> dict[str, list[list[tuple[float, float]]]]:
     trapped = [i for i in living if state.internal[i, 0] < TRAPPED]
     bars = [-0.08, -0.03, 0.03, 0.08]
     return {
-        "reach": [[(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)]],
+        "reach": [square((0.0, 0.0), 1.0)],
         "food in hand": [square(state.position[i] + (0.0, 0.1), 0.03) for i in living if state.internal[i, 1] > 0],
         "trap": [
             *(square(state.position[i], 0.1) for i in trapped),

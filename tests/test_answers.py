@@ -153,7 +153,7 @@ def test_small_laws():
 
 def test_signs_are_known_from_oneself():
     """A learner that has seen its own display infers a low partner from a low display, and nothing from the truth."""
-    env, minds, tick, _ = inferred._train({"weight": 0.5, "senses": "signs"}, 0, 300)
+    env, minds, tick = inferred._train({"weight": 0.5, "senses": "signs"}, 0, 300)
     mind = minds["possessor"]
     zeta = np.repeat(tick.observations["possessor"], 2, axis=0)[:2]
     low, high = (mind.group.layout.low[mind.others[0]], mind.group.layout.high[mind.others[0]])

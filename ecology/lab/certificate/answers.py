@@ -11,7 +11,9 @@ import numpy as np
 from ecology import Ecology, Scenario, Tick, agents, scenarios
 from ecology.agents import loop
 from ecology.agents.base import Learner
+from ecology.lab.certificate.case import Row
 from ecology.lab.runs.run_config import world_digest
+from ecology.observers.base import Observer
 from ecology.observers.plotting import Axes
 from ecology.state import Floats, Ints
 
@@ -46,7 +48,7 @@ def act(env: Ecology, **actions: str | np.ndarray) -> Ints:
     return found
 
 
-class Watch:
+class Watch(Observer):
     """An observer that keeps the result of `look` for the state after every tick."""
 
     def __init__(self, look: Callable[[Ecology, Any], Any]) -> None:
@@ -59,9 +61,6 @@ class Watch:
     def watch(self, state: Any, tick: Tick, minds: Mapping[str, Any]) -> None:
         """Call `look` for one tick."""
         self.rows.append(self.look(self.env, state))
-
-    def end(self) -> None:
-        """Do nothing: the results are already kept."""
 
 
 def learn(
@@ -87,10 +86,15 @@ def minds_of(env: Ecology, scenario: Scenario, seed: int, own: Mapping[str, Any]
     """Return the learners that a scenario names, with their settings and `own` where they have such."""
     found = {}
     for i, (group, species) in enumerate(zip(env.groups.values(), scenario.species, strict=True)):
-        known = agents.settings(species.learner)
-        told = {k: v for k, v in {**species.learner_settings, **own}.items() if k in known}
+        told = known(species.learner, {**species.learner_settings, **own})
         found[group.name] = agents.make(species.learner, group, np.random.SeedSequence([seed, i]), told)
     return found
+
+
+def known(learner: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that a learner has."""
+    own = agents.settings(learner)
+    return {name: value for name, value in settings.items() if name in own}
 
 
 def frozen(env: Ecology, minds: Mapping[str, Learner], tick: Tick, ticks: int, epsilon: float, look: Any) -> list[Any]:
@@ -118,16 +122,24 @@ def column(done: Mapping[str, Any], prefix: str) -> list[Any]:
     return [value for key, value in done.items() if key.startswith(prefix)]
 
 
+def whole(done: Mapping[str, Any], kind: str, values: Sequence[float], seeds: int) -> list[dict[float, Any]]:
+    """Return what the parts `KIND-VALUE-SEED` came to, by value, of every seed of which all parts are done."""
+    found = []
+    for seed in range(seeds):
+        keys = {value: f"{kind}-{value:g}-{seed}" for value in values}
+        if all(key in done for key in keys.values()):
+            found.append({value: done[key] for value, key in keys.items()})
+    return found
+
+
 # ---- figures -----------------------------------------------------------------------------------
 
 
 def band(ax: Axes, x: Iterable[float], samples: Sequence[Sequence[float]], label: str, colour: str = OURS) -> None:
     """Draw the mean of each sample with its 95 % interval of Student's t."""
-    from ecology.lab.certificate.case import Row
-
     rows = [Row("", sample) for sample in samples]
     mean = np.array([row.mean() for row in rows])
-    half = np.array([0.0 if row.interval() is None else row.interval()[1] - row.mean() for row in rows])  # type: ignore[index]
+    half = np.array([row.bounds()[1] - row.mean() for row in rows])
     ax.errorbar(list(x), mean, yerr=half, fmt="o", color=colour, capsize=3, label=label, markersize=4)
 
 

@@ -53,6 +53,10 @@ class Row:
         half = float(stats.t.ppf((1 + CONFIDENCE) / 2, len(self.ours) - 1)) * float(stats.sem(self.ours))
         return self.mean() - half, self.mean() + half
 
+    def bounds(self) -> tuple[float, float]:
+        """Return the interval of the mean; of a single number, the number twice."""
+        return self.interval() or (self.mean(), self.mean())
+
     def says(self) -> str:
         """Return the verdict: whether ours agrees with the closed form and with theirs, or what it differs from."""
         if self.verdict is not None:
@@ -69,7 +73,7 @@ class Row:
             return True
         if self.tolerance is not None:
             return abs(self.mean() - self.closed) <= self.tolerance
-        low, high = self.interval() or (self.mean(), self.mean())
+        low, high = self.bounds()
         return _within(self.closed, low, high)
 
     def _like_theirs(self) -> bool | None:
@@ -78,7 +82,7 @@ class Row:
             return True
         mean, spread, count = self.theirs
         if self.tolerance is not None or spread is None or count is None:
-            low, high = self.interval() or (self.mean(), self.mean())
+            low, high = self.bounds()
             slack = self.tolerance or 0.0
             return low - slack <= mean <= high + slack
         # Welch's interval of the difference, about ours

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ecology import Ecology, State, Tick, scenarios
+from ecology import Ecology, State, scenarios
+from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Part
 from ecology.lab.certificate.report import markdown
 from ecology.lab.runs.run import Run
-from ecology.lab.runs.run_config import resolve, world_digest
-from ecology.observers.base import Mind
+from ecology.lab.runs.run_config import resolve
 
 TICKS = 5_000
 NUMBERS = (12, 14, 16, 18, 20, 24)  # of agents at the pool
@@ -28,27 +28,9 @@ WEIGHTS = (0.0, 0.25, 0.5, 1.0, 2.0)  # of empathy
 LOOKS = Callable[[Ecology, State], tuple[float, ...]]
 
 
-class Seen:
-    """Keeps what `look` returns of every tick, an observer."""
-
-    def __init__(self, look: LOOKS) -> None:
-        self.look, self.rows = look, list[tuple[float, ...]]()
-
-    def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Know the world."""
-        self.env = env
-
-    def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
-        """Look at one tick."""
-        self.rows.append(self.look(self.env, state))
-
-    def end(self) -> None:
-        """Keep what was seen."""
-
-
 def lived(name: str, seed: int, ticks: int, look: LOOKS, **settings: Any) -> tuple[State, np.ndarray]:
     """Return the last state of a life, and what `look` saw in every tick, (ticks, k)."""
-    run, seen = Run(resolve(name, changes=settings, ticks=ticks, seed=seed), Path(os.devnull)), Seen(look)
+    run, seen = Run(resolve(name, changes=settings, ticks=ticks, seed=seed), Path(os.devnull)), answers.Watch(look)
     run.live_on(ticks, [seen])
     return run.env.state_view, np.array(seen.rows)
 
@@ -150,7 +132,7 @@ def parts_of(name: str, live: Callable[[Any, int], Any], values: Sequence[float]
     found = []
     for value in values:
         for seed in range(SEEDS[name]):
-            words = {"ticks": TICKS, "world": world_digest(scenarios.load(name))}
+            words = answers.words(name, ticks=TICKS)
             found.append(Part(f"{value:g}-seed-{seed}", words, seconds, functools.partial(live, value, seed)))
     return found
 

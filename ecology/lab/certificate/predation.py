@@ -15,7 +15,7 @@ import numpy as np
 from ecology import Ecology, Group, State, Tick, agents, scenarios
 from ecology.agents import loop
 from ecology.agents.base import Learner
-from ecology.lab.runs.run_config import world_digest
+from ecology.lab.certificate import answers
 from ecology.observers.base import Mind, Observer
 from ecology.scenarios.predator_prey import HUNT_SIGHT
 
@@ -211,18 +211,9 @@ def newborns(seed: int, predators: str, ticks: int = 10_000, prey: str = "lean",
     env = Ecology(scenarios.load("predator_prey", **{"inherit": False, "arrival": ARRIVAL, **settings}))
     words = env.scenario.species[0].learner_settings
     minds = {
-        name: agents.make(learner, env.groups[name], np.random.SeedSequence([seed, k]), _known(learner, words))
+        name: agents.make(learner, env.groups[name], np.random.SeedSequence([seed, k]), answers.known(learner, words))
         for k, (name, learner) in enumerate({"prey": prey, "predator": predators}.items())
     }
     fates = Fates(env, "predator", np.zeros(env.groups["predator"].size, np.int64))
     loop.run(env, minds, env.reset_arrays(seed), ticks, (fates,))
     return float(fates.ticks[0] / max(fates.deaths[0], 1))
-
-
-def _known(learner: str, words: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in words.items() if name in agents.settings(learner)}
-
-
-def inputs(**more: Any) -> dict[str, Any]:
-    """Return what a part of a case in this world depends on."""
-    return {"world": world_digest(scenarios.load("predator_prey")), **more}

@@ -23,10 +23,10 @@ COARSE, FINE = 4.0, 2.0  # trials in a tick: scripted, learned
 SWEEP = (1.0, 2.0, 2.75, 3.5, 4.5, 6.0)  # hours of access a day
 
 
-def closed(hours: float) -> tuple[float, float]:
-    """Return h* after twelve days of access, and the infusions of the last session, from the recurrence."""
+def closed(hours: float, days: int = DAYS) -> tuple[float, float]:
+    """Return h* after days of access, and the infusions of the last session, from the recurrence."""
     level, taken = START, 0.0
-    for _ in range(DAYS):
+    for _ in range(days):
         taken = level * (LEAVES * HOUR * hours + WHOLE) / DOSE  # it fills the brain once, then makes up for the loss
         level = min(max(level + RISE * DOSE * taken - RECOVERY * DAY, START), MOST)
     return level, taken
@@ -128,14 +128,14 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
 
 def closed_ratio(hours: float) -> float:
     """Return the infusions of the last session over those of the first, from the recurrence."""
-    return closed(hours)[1] / (START * (LEAVES * HOUR * hours + WHOLE) / DOSE)
+    return closed(hours)[1] / closed(hours, 1)[1]
 
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
     for hours, colour in ((6.0, answers.OURS), (1.0, answers.THEIRS)):
-        level = [closed_day(hours, day) for day in range(DAYS)]
-        left.plot(range(1, DAYS + 1), level, color="0.7", lw=3)
+        taken = [closed(hours, day)[1] for day in range(1, DAYS + 1)]
+        left.plot(range(1, DAYS + 1), taken, color="0.7", lw=3)
         life = done.get(f"scripted-{hours:g}")
         if life is not None:
             left.plot(range(1, DAYS + 1), life["infusions"][1:], color=colour, label=f"scripted, {hours:g} h a day")
@@ -149,15 +149,6 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     right.plot(list(sweep), [life["set_point"][-1] for life in sweep.values()], "o-", color=answers.OURS,
                label="scripted")  # fmt: skip
     answers.finish(right, "hours of access a day", "set point after 12 days")
-
-
-def closed_day(hours: float, day: int) -> float:
-    """Return the infusions of a session, the first is 0, from the recurrence."""
-    level, taken = START, 0.0
-    for _ in range(day + 1):
-        taken = level * (LEAVES * HOUR * hours + WHOLE) / DOSE
-        level = min(max(level + RISE * DOSE * taken - RECOVERY * DAY, START), MOST)
-    return taken
 
 
 def case() -> Case:

@@ -126,7 +126,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     if lives:
         overheats = [life["first of extinction"][1] for life in lives]
         row = Row("", overheats)
-        low = (row.interval() or (row.mean(),))[0]
+        low, _ = row.bounds()
         found.append(
             Row("f/J, first day without ethanol, h after 60 min", overheats,
                 verdict="overheats" if low > 0 else "does not overheat in all seeds")

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
-from ecology.lab.certificate.predation import SEEDS, fear, flight, inputs, learned
+from ecology.lab.certificate.predation import SEEDS, fear, flight, learned
 
 ORDER = 13
 TICKS, WOUNDS = 20_000, (0.0, 0.25, 0.5, 1.0)
@@ -23,7 +24,7 @@ def _scared(wound: float, seed: int) -> dict[str, Any]:
 
 
 def _parts() -> list[Part]:
-    words = inputs(ticks=TICKS)
+    words = answers.words("predator_prey", ticks=TICKS)
     return [
         Part(f"{wound:g}-seed-{s}", words, 300.0, functools.partial(_scared, wound, s))
         for wound in WOUNDS

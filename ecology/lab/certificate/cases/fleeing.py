@@ -6,14 +6,16 @@ import functools
 from collections.abc import Mapping
 from typing import Any
 
+from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
-from ecology.lab.certificate.predation import SEEDS, inputs, pays
+from ecology.lab.certificate.predation import SEEDS, pays
 
 ORDER = 12
 
 
 def _parts() -> list[Part]:
-    return [Part(f"seed-{s}", inputs(ticks=10_000), 12.0, functools.partial(pays, s)) for s in range(SEEDS)]
+    told = answers.words("predator_prey", ticks=10_000)
+    return [Part(f"seed-{s}", told, 12.0, functools.partial(pays, s)) for s in range(SEEDS)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

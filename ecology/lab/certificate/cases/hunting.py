@@ -18,6 +18,7 @@ from ecology.state import Ints
 ORDER = 36
 DENSITIES = (0.25, 0.5, 1.0, 2.0, 4.0)
 HANDLING, HUNTERS, TICKS = 60.0, 40, 3_000
+SEARCH = 2 * REACH * WALK  # area that a hunter searches per unit of time on a straight path
 LEARNERS, LIVED, AMONG = 8, 3_000, (0.5, 1.0, 4.0)  # agents, ticks, densities
 
 
@@ -47,7 +48,7 @@ def learned(density: float, seed: int) -> float:
 def fit(rates: Mapping[float, float]) -> tuple[float, float]:
     """Return a and h of f = a N / (1 + a h N), least squares of 1 / f against 1 / N weighted by f^2."""
     n, f = np.array(list(rates), float), np.array(list(rates.values()), float)
-    start = (2 * REACH * WALK, HANDLING)
+    start = (SEARCH, HANDLING)
     (a, h), _ = optimize.curve_fit(lambda n, a, h: a * n / (1 + a * h * n), n, f, p0=start, sigma=np.maximum(f, 1e-6))
     return float(a), float(h)
 
@@ -65,13 +66,8 @@ def _parts() -> list[Part]:
 
 def fits(done: Mapping[str, Any], kind: str, seeds: int) -> list[tuple[float, float]]:
     """Return a and h of every seed whose lives at all densities are done."""
-    found = []
-    for seed in range(seeds):
-        asked = DENSITIES if kind == "scripted" else AMONG
-        rates = {d: done[f"{kind}-{d:g}-{seed}"] for d in asked if f"{kind}-{d:g}-{seed}" in done}
-        if len(rates) == len(asked):
-            found.append(fit(rates))
-    return found
+    asked = DENSITIES if kind == "scripted" else AMONG
+    return [fit(rates) for rates in answers.whole(done, kind, asked, seeds)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
@@ -80,27 +76,22 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     if ours:
         a, h = zip(*ours, strict=True)
         found.append(Row("handling time h", h, closed=HANDLING, tolerance=0.05 * HANDLING))
-        closed = 2 * REACH * WALK
-        found.append(
-            Row("rate of search a, still prey, straight paths: 2 R v", a, closed=closed, tolerance=0.1 * closed)
-        )
+        what = "rate of search a, still prey, straight paths: 2 R v"
+        found.append(Row(what, a, closed=SEARCH, tolerance=0.1 * SEARCH))
     ours = fits(done, "learned", answers.SEEDS)
     if ours:
         a, h = zip(*ours, strict=True)
         found.append(Row("f/J (lean): handling time h", h, closed=HANDLING))
-        blind = 2 * REACH * WALK
-        row = Row("", a)
-        low, high = row.interval() or (row.mean(), row.mean())
-        verdict = "learning raises a" if low > blind else "learning lowers a" if high < blind else "cannot be told"
-        found.append(Row(f"f/J (lean): rate of search a, blind straight paths {blind:g}", a, verdict=verdict))
+        low, high = Row("", a).bounds()
+        verdict = "learning raises a" if low > SEARCH else "learning lowers a" if high < SEARCH else "cannot be told"
+        found.append(Row(f"f/J (lean): rate of search a, blind straight paths {SEARCH:g}", a, verdict=verdict))
     return found
 
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     ax = figure.add_subplot()
     x = np.linspace(0, max(DENSITIES) * 1.05, 100)
-    a = 2 * REACH * WALK
-    ax.plot(x, a * x / (1 + a * HANDLING * x), color=answers.CLOSED, label="Holling, a = 2 R v")
+    ax.plot(x, SEARCH * x / (1 + SEARCH * HANDLING * x), color=answers.CLOSED, label="Holling, a = 2 R v")
     for kind, label, colour in (("scripted", "scripted", "0.5"), ("learned", "f/J (lean)", answers.OURS)):
         have = [d for d in DENSITIES if answers.column(done, f"{kind}-{d:g}-")]
         if have:

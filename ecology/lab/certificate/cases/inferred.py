@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from ecology import Ecology, Tick
+from ecology.agents import loop
 from ecology.lab.certificate import answers, episodes
 from ecology.lab.certificate.case import Case, Part, Row
-from ecology.scenarios.food_share import D_HIGH, D_LOW
 from ecology.state import Ints
 
 ORDER = 33
 NOISE, WEIGHT, CAP, TRAINED, LIVES = 0.1, 0.5, 2_000, 4_000, 4
-# share of the time that the partner is low where it is always fed when it is: a fall of .1 a tick, repaired in the next
 KINDS = {
     "none": {"weight": 0.0, "senses": "nothing"},
     "signs": {"weight": WEIGHT, "senses": "signs"},
@@ -26,16 +25,18 @@ KINDS = {
 PUBLISHED = (1803.0, 267.0, 20)  # FoodShare under full inference, Man and Yoshida 2025
 
 
+def _display(env: Ecology) -> int:
+    """Return the column of the partner's sign."""
+    return [need.name for need in env.scenario.species[1].needs].index("display")
+
+
 def policy_of(inferring: bool) -> episodes.Policy:
     """Return the policy that passes where its energy is high and the partner is, or seems, low."""
 
     def policy(env: Ecology) -> Ints:
         state: Any = env.state_view
         own, other = env.groups["possessor"].slots, env.groups["partner"].slots
-        column = list(env.scenario.species[1].needs).index(
-            next(n for n in env.scenario.species[1].needs if n.name == "display")
-        )
-        low = state.internal[other, column] < 0.5 if inferring else state.internal[other, 0] <= 0
+        low = state.internal[other, _display(env)] < 0.5 if inferring else state.internal[other, 0] <= 0
         return np.where((state.internal[own, 0] > 0) & low, 1, 0)
 
     return policy
@@ -48,16 +49,10 @@ def scripted(inferring: bool, lives: int = LIVES, cap: int = CAP) -> list[float]
     return [float(n) for lengths in found for n in lengths]
 
 
-def expected(signs: float) -> float:
-    """Return the drive that a sign (0 or 1) stands for, of a body that is high as often as low."""
-    high = 1 - NOISE if signs > 0.5 else NOISE
-    return high * D_HIGH + (1 - high) * D_LOW
-
-
 def learned(kind: str, seed: int) -> dict[str, Any]:
     """Return how long pairs with a trained learner survive, and how well it infers what the partner feels."""
     words = KINDS[kind]
-    env, minds, tick, _ = _train(words, seed)
+    env, minds, tick = _train(words, seed)
     mind = minds["possessor"]
     found: dict[str, Any] = {}
     if kind == "signs":
@@ -73,21 +68,19 @@ def learned(kind: str, seed: int) -> dict[str, Any]:
     return found
 
 
-def _train(words: Mapping[str, Any], seed: int, ticks: int | None = None) -> tuple[Ecology, Any, Tick, Any]:
-    """Train a learner for `ticks` or TRAINED; an agent that dies starts again, and the learner keeps its knowledge."""
-    from ecology.agents import loop
-
+def _train(words: Mapping[str, Any], seed: int, ticks: int = TRAINED) -> tuple[Ecology, Any, Tick]:
+    """Train a learner for `ticks`; an agent that dies starts again, and the learner keeps its knowledge."""
     env, tick = answers.begin("inferred", seed, noise=NOISE, **words)
     minds = answers.minds_of(env, env.scenario, seed, {})
     lived = 0
-    while lived < (ticks or TRAINED):
+    while lived < ticks:
         tick = loop.run(env, minds, tick, 1)
         lived += 1
         if not tick.alive.all():
             env.reset_arrays(seed * 10_000 + lived)
             tick = env.step_arrays(np.zeros(env.size, np.int64))
             minds["possessor"].begin()
-    return env, minds, tick, None
+    return env, minds, tick
 
 
 def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarray:
@@ -101,9 +94,8 @@ def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarr
             tick = env.step_arrays(np.zeros(env.size, np.int64))
         partner = env.groups["partner"].slots.start
         state: Any = env.state_view
-        found.append((float(mind.infer(tick.observations["possessor"])[0]), float(state.own_drive[partner]),
-                      float(state.internal[partner, -1] if len(env.scenario.species[1].needs) < 4
-                            else state.internal[partner, 3])))  # fmt: skip
+        inferred, sign = mind.infer(tick.observations["possessor"])[0], state.internal[partner, _display(env)]
+        found.append((float(inferred), float(state.own_drive[partner]), float(sign)))
     return np.array(found)
 
 

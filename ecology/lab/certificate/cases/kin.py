@@ -92,11 +92,10 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
                 what = "positive control, c = 0, r = 0: share with a weight above c"
                 found.append(Row(what, [life["share"][-1] for life in lives], closed=1.0, tolerance=0.15))
             continue
-        ours = []
-        for seed in range(SEEDS):
-            keys = {r: f"fixed-{cost:g}-{r:g}-{seed}" for r in RELATED}
-            if all(key in done for key in keys.values()):
-                ours.append(threshold({r: float(np.mean(done[key]["share"][-10:])) for r, key in keys.items()}))
+        ours = [
+            threshold({r: float(np.mean(life["share"][-10:])) for r, life in lives.items()})
+            for lives in answers.whole(done, f"fixed-{cost:g}", RELATED, SEEDS)
+        ]
         if ours:
             found.append(Row(f"relatedness from which giving spreads, c/b {cost:g}", ours, closed=cost, tolerance=0.12))
     for r in VARIED:

@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
-from ecology.lab.certificate.predation import ARRIVAL, SEEDS, inputs, newborns
+from ecology.lab.certificate.predation import ARRIVAL, SEEDS, newborns
 
 ORDER = 14
 
 
 def _parts() -> list[Part]:
+    told = answers.words("predator_prey", ticks=10_000, arrival=ARRIVAL)
     return [
-        Part(f"{name}-seed-{s}", inputs(ticks=10_000, arrival=ARRIVAL), 150.0, functools.partial(newborns, s, name))
+        Part(f"{name}-seed-{s}", told, 150.0, functools.partial(newborns, s, name))
         for name in ("lean", "random")
         for s in range(SEEDS)
     ]

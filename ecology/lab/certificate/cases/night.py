@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ecology import Ecology, Tick
+from ecology.agents import loop
 from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
 from ecology.scenarios.night import DAY, DUSK, FALLS, LOWER, PATCHY, RISES, STEADY, UPPER
@@ -109,12 +110,8 @@ def learned(seed: int) -> dict[str, float]:
         env, tick = answers.begin("night", seed, start=start, mean=MEAN, night=NIGHT, count=4)
         minds = answers.minds_of(env, env.scenario, seed, {})
         took, alive, slept, ticks = np.zeros(2), [], 0, 0
-        from ecology.agents import loop
-
         watch = answers.Watch(lambda _, s: (s.action[s.alive].tolist(), float(s.alive.mean())))
-        for _ in range(
-            LIVED // round(DAY)
-        ):  # every day dead agents return with their initial needs, and keep what they have learned
+        for _ in range(LIVED // round(DAY)):  # every day the dead return with initial needs and all that they learned
             tick = loop.run(env, minds, tick, round(DAY), (watch,))
             alive.append(watch.rows[-1][1])
             internal = env.state_view.internal.copy()
@@ -148,8 +145,9 @@ def _survives(start: float, meal: str) -> list[float]:
 def _rows(done: Mapping[str, Any]) -> list[Row]:
     found = []
     for swing, what in ((0.0, "constant thresholds"), (SWING, "thresholds that swing with the day")):
-        life, exact = done.get(f"sleep-{swing:g}"), two_processes(swing)
+        life = done.get(f"sleep-{swing:g}")
         if life is not None:
+            exact = two_processes(swing)
             found.append(Row(f"hours awake, {what}", [life["awake"]], closed=exact["awake"], tolerance=0.3))
             found.append(Row(f"hours asleep, {what}", [life["asleep"]], closed=exact["asleep"], tolerance=0.3))
             if swing:

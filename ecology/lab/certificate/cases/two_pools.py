@@ -14,7 +14,6 @@ import numpy as np
 from ecology import Ecology, Tick
 from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
-from ecology.scenarios.two_pools import APART, POOL
 from ecology.state import Floats, Ints
 
 ORDER = 34
@@ -23,7 +22,6 @@ AGENTS, TICKS = 48, 1_200
 EPSILON = 0.1  # of agents that choose at random
 MOVES = 0.02  # share of agents a tick that compare the pools
 LEARNERS, LIVED = 24, 4_000
-HALL = POOL + APART / 2  # x of the middle
 
 
 def look(env: Ecology, state: Any) -> tuple[float, float, float, float]:
@@ -45,11 +43,7 @@ def scripted(ratio: float, epsilon: float, seed: int = 0) -> dict[str, float]:
         asks = rng.random(AGENTS) < MOVES
         aim[random & asks] = rng.integers(0, 2, int((random & asks).sum()))
         for i in np.flatnonzero(asks & ~random):  # one after the other, so that they do not overshoot together
-            there = (
-                np.bincount(np.delete(aim, i), minlength=2)
-                if not epsilon
-                else np.round(np.bincount(np.delete(aim, i)[~np.delete(random, i)], minlength=2))
-            )
+            there = np.bincount(np.delete(aim, i)[~np.delete(random, i)], minlength=2)
             aim[i] = int(np.argmax(flow / (there + 1)))
         go = np.where(aim == 0, names["go_to_left"], names["go_to_right"])
         eat = np.where(aim == 0, names["consume_left"], names["consume_right"])
@@ -75,11 +69,14 @@ def learned(ratio: float, seed: int) -> dict[str, float]:
     return summary(np.array(rows))
 
 
+def leaning(life: Mapping[str, float]) -> float:
+    """Return ln(N1 / N2), half an agent counted where a pool is empty."""
+    return math.log(max(life["left"], 0.5) / max(life["right"], 0.5))
+
+
 def slope(lives: Mapping[float, Mapping[str, float]]) -> float:
     """Return the slope of ln(N1 / N2) against ln(Q1 / Q2)."""
-    x = [math.log(ratio) for ratio in lives]
-    y = [math.log(max(life["left"], 0.5) / max(life["right"], 0.5)) for life in lives.values()]
-    return answers.fit_line(x, y)[0]
+    return answers.fit_line([math.log(ratio) for ratio in lives], [leaning(life) for life in lives.values()])[0]
 
 
 def slope_of(epsilon: float) -> float:
@@ -105,12 +102,7 @@ def _parts() -> list[Part]:
 
 def slopes(done: Mapping[str, Any], kind: str, seeds: int) -> list[float]:
     """Return the slope of every seed whose lives at all ratios are done."""
-    found = []
-    for seed in range(seeds):
-        lives = {r: done[f"{kind}-{r:g}-{seed}"] for r in RATIOS if f"{kind}-{r:g}-{seed}" in done}
-        if len(lives) == len(RATIOS):
-            found.append(slope(lives))
-    return found
+    return [slope(lives) for lives in answers.whole(done, kind, RATIOS, seeds)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
@@ -143,13 +135,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     for kind, label, colour in (
         ("scripted-0", "scripted", "0.5"), ("learned", f"f/J, {LEARNERS} learners", answers.OURS),
     ):  # fmt: skip
-        samples = [
-            [
-                math.log(max(life["left"], 0.5) / max(life["right"], 0.5))
-                for life in answers.column(done, f"{kind}-{r:g}-")
-            ]
-            for r in RATIOS
-        ]
+        samples = [[leaning(life) for life in answers.column(done, f"{kind}-{r:g}-")] for r in RATIOS]
         if all(samples):
             answers.band(ax, x, samples, label, colour)
     answers.finish(ax, "ln Q1 / Q2", "ln N1 / N2")
