@@ -139,7 +139,8 @@ def _best(s: Encoding, nodes: Nodes) -> list[int]:
     for at in ranked:
         roots.setdefault(nodes.ways[at][0], at)
     kept = [roots[root] for root in sorted(roots)]
-    return [*kept, *(at for at in ranked if at not in set(kept))][: max(s.beam, s.movements)]
+    known = set(kept)
+    return [*kept, *(at for at in ranked if at not in known)][: max(s.beam, s.movements)]
 
 
 def _take(nodes: Nodes, kept: list[int]) -> Nodes:

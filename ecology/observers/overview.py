@@ -13,8 +13,8 @@ import rerun.blueprint as rrb
 
 from ecology.ground.outline import drawn_lines
 from ecology.observers import colours
-from ecology.observers.recording_file import RecordingFile, cut
-from ecology.observers.viewer import joined, resumed, stretches, whole
+from ecology.observers.recording_file import RecordingFile
+from ecology.observers.viewer import joined
 from ecology.scenario import Scenario
 from ecology.state import Floats
 
@@ -42,13 +42,9 @@ class Overview:
         self._highest = max(colours.highest_drive(world) for world in {id(w): w for w in worlds}.values())
         application, identity, layout = "ecology-archipelago-" + re.sub(r"[^A-Za-z0-9_-]", "_", name), None, True
         if after is not None and path.exists():
-            from ecology.observers.readback import recording_id
+            from ecology.observers.readback import continued
 
-            self._target = resumed(path)
-            if self._target.exists() or not whole(path):
-                joined(stretches(path), path)
-            identity = recording_id(path)
-            layout = cut(path, after, application, identity)
+            self._target, identity, layout = continued(path, after, application)
         self._rec = rr.RecordingStream(application, recording_id=identity)
         self._file = RecordingFile(self._target, self._rec)
         if layout:

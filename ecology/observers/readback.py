@@ -13,10 +13,11 @@ import pyarrow.compute as pc
 from rerun.chunk import RrdReader
 
 from ecology.errors import EcologyError, readable
-from ecology.observers import colours
+from ecology.observers import census, colours
 from ecology.observers.frame import Followed, Frame
+from ecology.observers.recording_file import cut
 from ecology.observers.scene import MARKED, STEPS
-from ecology.observers.viewer import complete
+from ecology.observers.viewer import complete, joined, resumed, stretches, whole
 from ecology.scenario import Scenario
 from ecology.spec import Species, require
 
@@ -62,6 +63,18 @@ def span(path: Path) -> tuple[int, int]:
     return int(first), int(last)
 
 
+def continued(path: Path, tick: int, application: str) -> tuple[Path, str, bool]:
+    """Make the recording at `path` ready to go on after `tick`: what was recorded later is left out.
+
+    Returns where the rest is written, the recording's identity, and whether it has no layout and needs one.
+    """
+    target = resumed(path)
+    if target.exists() or not whole(path):  # the run was killed
+        joined(stretches(path), path)
+    identity = recording_id(path)
+    return target, identity, cut(path, tick, application, identity)
+
+
 def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: str | None = None) -> list[Frame]:
     """Add to the frames of a run the needs and the decision of the agent `who`, or of the first living agent."""
     with complete(run) as source:
@@ -70,7 +83,7 @@ def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: st
         species, serial = _meant(scenario, serials, frames, who)
         name = f"{species.name}_{serial}"
         needs = {need.name: column(source, entities[species.name], need.name) for need in species.needs}
-        moving = [f"{need.name}_set_point" if need.set_range is not None else "" for need in species.needs]
+        moving = census.moving(species)
         targets = {word: column(source, entities[species.name], word) for word in moving if word}
         places = column(source, entities[species.name], "Points2D:positions")
         told = column(source, f"/minds/{name}/decision", "TextDocument:text")

@@ -28,8 +28,8 @@ from ecology.observers.layout import FORK, blueprint
 from ecology.observers.panels.base import Watch
 from ecology.observers.panels.decision import headline
 from ecology.observers.panels.futures import Futures
-from ecology.observers.readback import recording_id
-from ecology.observers.recording_file import RecordingFile, cut
+from ecology.observers.readback import continued
+from ecology.observers.recording_file import RecordingFile
 from ecology.observers.sampler import Sampler
 from ecology.observers.scene import Scene
 from ecology.observers.viewer import (
@@ -37,10 +37,8 @@ from ecology.observers.viewer import (
     checked_url,
     free_port,
     joined,
-    resumed,
     stretches,
     unfinished,
-    whole,
 )
 from ecology.observers.wishes import Wishes
 from ecology.spec import require
@@ -248,7 +246,7 @@ class RerunObserver:
         for each in self._relays:
             each.put(pickle.dumps(("lay_out", (self._scene.first,))))
 
-    def forked(self, name: str, change: str, focus: Sequence[str] = ()) -> Side:
+    def forked(self, name: str, change: str) -> Side:
         """Show the fork `name` beside this run from now on; return the observer to attach to the fork."""
         self._send()
         asked = [self._sampler.focus.name(species) for species in self._scene.groups]
@@ -257,7 +255,7 @@ class RerunObserver:
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
         words = {"every": self._every, "maps_every": self._maps_every, "detail": self._detail}
         words |= {"live": bool(self._port or self._connect)}
-        self._side = Side({"run": name, **words}, tuple(focus) or tuple(asked), self._opened)
+        self._side = Side({"run": name, **words}, tuple(asked), self._opened)
         self._scene.fork = name
         self._futures = Futures(self._scene)
         self._futures.begin(self._env.state_view.tick, change)
@@ -266,8 +264,7 @@ class RerunObserver:
     def _opened(self, scene: Scene) -> None:
         """Begin to draw the other future."""
         self._show("open_fork", scene)
-        for each in self._relays:
-            each.put(pickle.dumps(("lay_out", (self._scene.first,))))
+        self._lay_out()
 
     def flush(self) -> None:
         """Write the samples at hand, at a checkpoint."""
@@ -307,11 +304,7 @@ class RerunObserver:
             for part in stretches(self._path):  # the run was killed before its first checkpoint: it begins anew
                 part.unlink()
         if self._resume and self._path.exists():
-            self._target = resumed(self._path)
-            if self._target.exists() or not whole(self._path):  # the run was killed
-                joined(stretches(self._path), self._path)
-            identity = recording_id(self._path)
-            layout = cut(self._path, tick, self._scene.application, identity)
+            self._target, identity, layout = continued(self._path, tick, self._scene.application)
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
         self._file = RecordingFile(self._target, self._rec)

@@ -53,7 +53,7 @@ class Sampler:
         self._env, self._minds, self._every = env, minds, every
         self.focus, self._census = Focus.of(env, asked), Census(env, before)
         self.focus.look(env.state_view)
-        self.scene = self._make_scene(run, maps_every, detail)
+        self.scene = self._make_scene(run, maps_every, detail, mapped=kinds is None)
         self.panels = panels(self.scene, kinds)
         self._followers = [panel for panel in self.panels if type(panel).follow is not Panel.follow]
         self._happened: list[Happening] = []
@@ -67,8 +67,8 @@ class Sampler:
         self.deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
         self._follow()
 
-    def _make_scene(self, run: str, maps_every: int, detail: str | None) -> Scene:
-        """Return what is drawn of a world and its minds."""
+    def _make_scene(self, run: str, maps_every: int, detail: str | None, *, mapped: bool) -> Scene:
+        """Return what is drawn of a world and its minds; maps of J only where it is `mapped`."""
         env, minds, groups, scenario = self._env, self._minds, self._env.groups, self._env.scenario
         few, grid = env.size <= FEW, maps.cover(scenario.arena)
         return Scene(
@@ -77,7 +77,7 @@ class Sampler:
             names={name: self.focus.name(name) for name in groups},
             first=self.focus.first,
             told={name: tuple(minds[name].report()) for name in groups},
-            mapped={name: self._has_maps(group, grid) for name, group in groups.items()},
+            mapped={name: mapped and self._has_maps(group, grid) for name, group in groups.items()},
             decides={name: bool(groups[name].size) and minds[name].decides for name in groups},
             coupled=tuple(name for name in groups if env.coupling(name) is not None),
             measures=census.plotted(scenario),

@@ -60,7 +60,7 @@ class Host:
         folder = voyage.folder_of(self._folder, number)
         if how != "resume":
             shutil.rmtree(folder, ignore_errors=True)  # of a start that went no further
-        island = IslandRun(voyage.plans[number], folder, voyage.world.pool, shown=voyage.record)
+        island = IslandRun(voyage.plan_of(number), folder, voyage.world.pool, shown=voyage.record)
         self._islands[number] = island
         return getattr(island, how)(*words)
 

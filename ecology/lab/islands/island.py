@@ -6,7 +6,7 @@ import contextlib
 import shutil
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,11 @@ from ecology import EcologyError, Pool
 from ecology.agents import checkpoint
 from ecology.archipelago import ALIVE
 from ecology.lab.runs import fork as forks
-from ecology.lab.runs.folder import KEPT, METRICS, RECORDING, lock
+from ecology.lab.runs.folder import KEPT, lock
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import Plan, read_config
 from ecology.lab.runs.run_config import resolve as resolve_run
-from ecology.observers.base import Observer
+from ecology.lab.runs.twins import recorders
 
 PATIENCE = 60.0  # seconds for which an island waits for the host that held it to end
 SHOWN = 2_000  # agents of an island whose places are told, at most
@@ -98,7 +98,7 @@ class IslandRun:
     def start(self) -> None:
         """Start a new run."""
         self.run = Run(self.plan, self.folder)
-        self._begin(resume=False, start=True)
+        self._begin(resume=False)
 
     def resume(self, tick: int) -> None:
         """Resume from the common snapshot of `tick`; later ticks are discarded."""
@@ -114,31 +114,14 @@ class IslandRun:
         """Start, in a folder of its own, from the common snapshot of the island whose run is in `source`."""
         before = Run(resolve_run(config=read_config(source / "config.toml"), copies=self.plan.copies), source)
         self.run = forks.fork_from(before, checkpoint.read(source / KEPT / str(tick)), self.plan, self.folder, told)
-        self._begin(resume=False, start=True)
+        self._begin(resume=False)
 
-    def _begin(self, *, resume: bool, start: bool = False) -> None:
-        observers = list(self._observers(resume=resume))
-        if start:
+    def _begin(self, *, resume: bool) -> None:
+        observers = recorders(self.run, resume=resume)
+        if not resume:
             self.run.start()
         self._stack.enter_context(lock(self.folder, PATIENCE))
         self._stack.enter_context(self.run.under_way(observers))
-
-    def _observers(self, *, resume: bool) -> Iterator[Observer]:
-        it, every = self.run, self.plan.record_every
-        if not self.plan.record:
-            return
-        from ecology.observers.recorder import Recorder  # slow to load
-        from ecology.observers.rerun import RerunObserver
-
-        yield Recorder(self.folder / METRICS, every, resume=resume, deeds=it.schedule.since(it.now, every))
-        yield RerunObserver(
-            self.folder / RECORDING,
-            every=every,
-            detail=self.plan.record_detail if self.plan.record_detail != "auto" else None,
-            name=self.folder.name,
-            resume=resume,
-            before=it.born_and_died(),
-        )
 
     def advance(self, tick: int) -> Census:
         """Advance to `tick`, and return the census."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from ecology import Archipelago, EcologyError, Island, scenarios
+from ecology import Archipelago, EcologyError, scenarios
 from ecology.errors import nearest
 from ecology.lab.runs import source
 from ecology.lab.runs.gate import Gate
@@ -58,7 +58,7 @@ class Voyage:
     def plans(self) -> list[Plan]:
         """Return the plans of the islands; EcologyError where their worlds do not fit each other."""
         world = self.world
-        plans = [self._plan(i, island) for i, island in enumerate(world.islands)]
+        plans = [self.plan_of(number) for number in range(len(world.islands))]
         world.check_worlds([plan.load() for plan in plans])
         for name in world.moving:
             minds = [plan.learners[name] for plan in plans]
@@ -74,11 +74,13 @@ class Voyage:
         """Return the archipelago, the scenarios and the learners, by their names or files."""
         return list(dict.fromkeys([self.archipelago, *(name for plan in self.plans for name in plan.code)]))
 
-    def _plan(self, number: int, island: Island) -> Plan:
+    def plan_of(self, number: int) -> Plan:
+        """Return the plan of one island; whether it fits the others is not checked."""
+        island = self.world.islands[number]
         told = {"number": number, "islands": len(self.world.islands), "species": self.world.moving}
         return resolve(
             _beside(island.scenario, self.archipelago),
-            config={"scenario": _beside(island.scenario, self.archipelago), "island": told},
+            config={"island": told},
             changes=island.settings,
             learners=[_learner(word, self.archipelago) for word in island.learners],
             copies=self.copies,

@@ -28,7 +28,6 @@ from ecology.lab.islands.plan import (
     POOL,
     Voyage,
     read_voyage,
-    read_words,
     resolve_voyage,
     stream,
 )
@@ -58,7 +57,6 @@ class ArchipelagoRun:
         self._overview: Overview | None = None
         self._ledger: list[str] = []  # lines since the last common snapshot
         self._stop = 0  # signal that came
-        self._kept: list[int] = []  # common snapshots that go once there is a newer one
         self.migrated, self.refused, self.generations = 0, 0, 0
         self.seconds = dict.fromkeys(("islands", "exchange", "snapshots"), 0.0)  # by the clock of this run
         self.steps = 0  # of agents, lived in this run
@@ -250,9 +248,9 @@ class ArchipelagoRun:
             file.writelines(f"{line}\n" for line in self._ledger)
         self._ledger = []
         replace_text(self.folder / COMMON, json.dumps({"tick": self.now, **self._counts()}) + "\n")
-        keep = self.voyage.keep_every
-        gone = [tick for tick in self._kept if not (keep and tick % keep == 0)]
-        self._kept, self._common = [self.now], self.now
+        keep, last = self.voyage.keep_every, self._common
+        gone = [] if last is None or (keep and last % keep == 0) else [last]
+        self._common = self.now
         self.fleet.commit(self.now)
         if gone:
             self.fleet.call("drop", self._all(gone))
@@ -264,7 +262,6 @@ class ArchipelagoRun:
         """Remove the lines of the ledger that are later than the common snapshot."""
         told = json.loads((self.folder / COMMON).read_text(encoding="utf-8"))
         self.migrated, self.refused, self.generations = (int(told.get(key, 0)) for key in self._counts())
-        self._kept = [self.now]
         path = self.folder / LEDGER
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
         kept = [line for line in lines if line.endswith("}") and json.loads(line)["tick"] <= self.now]
@@ -358,9 +355,4 @@ def common_tick(folder: Path) -> int | None:
     return tick
 
 
-def is_archipelago(folder: Path) -> bool:
-    """Return whether a folder holds the run of an archipelago."""
-    return (folder / CONFIG).is_file()
-
-
-__all__ = ["ArchipelagoRun", "common_tick", "fork", "is_archipelago", "read_words", "resume", "start"]
+__all__ = ["ArchipelagoRun", "common_tick", "fork", "resume", "start"]

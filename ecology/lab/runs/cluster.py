@@ -98,9 +98,14 @@ def by_ray(address: str, *, gpus: float = 0.0, memory: float = 0.0) -> tuple[Att
     return attempt, count
 
 
-def gpus_per_run(elsewhere: str | None, device: str | None, gpus: float | None, memory: float | None) -> float:
-    """Return the GPUs that a run takes of a cluster `elsewhere`; raise EcologyError if options are inconsistent."""
-    for option, value in (("--gpus-per-run", gpus), ("--memory-per-run", memory)):
+def gpus_per_run(
+    elsewhere: str | None, device: str | None, gpus: float | None, memory: float | None, *, per: str = "run"
+) -> float:
+    """Return the GPUs that a run takes of a cluster `elsewhere`; raise EcologyError if options are inconsistent.
+
+    Their names end in what they are given `per`.
+    """
+    for option, value in ((f"--gpus-per-{per}", gpus), (f"--memory-per-{per}", memory)):
         if elsewhere is None and value is not None:
             raise EcologyError(
                 f"{option} requires --ray or --slurm; give --ray local to share out this machine, or drop it."
@@ -111,9 +116,9 @@ def gpus_per_run(elsewhere: str | None, device: str | None, gpus: float | None, 
     if elsewhere is not None and on_gpu and device != "cuda":
         raise EcologyError(f"the cluster chooses the GPU of every run: give --device cuda with it, not {device}.")
     if on_gpu and gpus == 0:
-        raise EcologyError("--device cuda needs a GPU, or a part of one: give --gpus-per-run above 0, or drop it.")
+        raise EcologyError(f"--device cuda needs a GPU, or a part of one: give --gpus-per-{per} above 0, or drop it.")
     if gpus is not None and gpus > 1 and gpus != int(gpus):
-        raise EcologyError(f"--gpus-per-run is a part of one GPU or a whole number of them, got {gpus!r}.")
+        raise EcologyError(f"--gpus-per-{per} is a part of one GPU or a whole number of them, got {gpus!r}.")
     return float(on_gpu) if gpus is None else gpus
 
 

@@ -398,7 +398,7 @@ class Run:
             raise EcologyError(
                 f"the fork {self.twin.run.folder.name!r} goes on; one fork at a time lives beside a run."
             )
-        self.twin = twins.Twin(self, twins.make_fork(self, out, do), self._observers, do)
+        self.twin = twins.Twin(twins.make_fork(self, out, do), self._observers, do)
         return self.twin.run
 
     def serve(self) -> None:

@@ -38,8 +38,8 @@ def make_fork(run: Run, out: Path | None, do: Sequence[str]) -> Run:
     return forked
 
 
-def recorders(run: Run) -> list[Observer]:
-    """Return the observers that write metrics and a recording to the folder of a run that begins."""
+def recorders(run: Run, *, resume: bool = False) -> list[Observer]:
+    """Return the observers that write metrics and a recording to the folder of a run that begins or resumes."""
     if not run.plan.record:
         return []
     from ecology.observers.recorder import Recorder  # slow to load
@@ -47,12 +47,13 @@ def recorders(run: Run) -> list[Observer]:
 
     every, detail = run.plan.record_every, run.plan.record_detail
     return [
-        Recorder(run.folder / METRICS, every, deeds=run.schedule.since(run.now, every)),
+        Recorder(run.folder / METRICS, every, resume=resume, deeds=run.schedule.since(run.now, every)),
         RerunObserver(
             run.folder / RECORDING,
             every=every,
             detail=detail if detail != "auto" else None,
             name=run.folder.name,
+            resume=resume,
             before=run.born_and_died(),
         ),
     ]
@@ -61,8 +62,8 @@ def recorders(run: Run) -> list[Observer]:
 class Twin:
     """A fork that advances beside its original run, in the same thread."""
 
-    def __init__(self, origin: Run, run: Run, observers: Sequence[Observer], do: Sequence[str]) -> None:
-        """Start `run`, a fork of `origin`, whose `observers` may show both."""
+    def __init__(self, run: Run, observers: Sequence[Observer], do: Sequence[str]) -> None:
+        """Start `run`, a fork; the `observers` of its original may show both."""
         self.run, self.over, self.began = run, False, run.now
         run.start()
         self._stack = contextlib.ExitStack()

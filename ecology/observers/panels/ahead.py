@@ -12,7 +12,7 @@ from ecology.ground import plane_of
 from ecology.observers.panels.base import Batch, Panel, Watch, last, set_times
 from ecology.observers.scene import Scene
 
-PLAN, GHOST, CAME = (255, 210, 63), (190, 150, 255), (255, 255, 255)
+PLAN, GHOST = (255, 210, 63), (190, 150, 255)
 CAME_TICKS = 60  # for which a line from the forecast to what came is shown
 
 

@@ -13,10 +13,10 @@ import rerun.blueprint as rrb
 
 from ecology.decision import Decision, Plan
 from ecology.env import Ecology
-from ecology.observers import census, colours
+from ecology.observers import census, colours, maps
 from ecology.observers.base import Mind
 from ecology.observers.census import Census, Focus, Happening, Life
-from ecology.observers.scene import DEAD, INK, Scene
+from ecology.observers.scene import BACKGROUND, DEAD, INK, MAP_SCALE, Scene
 from ecology.spec import Species
 from ecology.state import State
 from ecology.world import Tick
@@ -43,6 +43,8 @@ class Watch:
     happened: Sequence[Happening] = ()  # since the last sample
     deeds: Sequence[tuple[int, float, str]] = ()  # interventions since the last sample: tick, time, what was done
     _plans: dict[str, Plan | None] = field(default_factory=dict)
+    _decisions: dict[str, Decision | None] = field(default_factory=dict)
+    _reports: dict[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     def row(self, name: str) -> int:
         """Return the slot of a species' focus within its species, -1 without one."""
@@ -58,8 +60,16 @@ class Watch:
 
     def decision(self, name: str) -> Decision | None:
         """Return the decision that a species' agent in focus acts on, None without one."""
-        row = self.row(name)
-        return self.minds[name].decision(row) if row >= 0 and self.scene.decides[name] else None
+        if name not in self._decisions:
+            row = self.row(name)
+            self._decisions[name] = self.minds[name].decision(row) if row >= 0 and self.scene.decides[name] else None
+        return self._decisions[name]
+
+    def report(self, name: str) -> Mapping[str, np.ndarray]:
+        """Return the numbers that a species' minds report."""
+        if name not in self._reports:
+            self._reports[name] = self.minds[name].report()
+        return self._reports[name]
 
 
 class Batch:
@@ -193,6 +203,15 @@ class LifePanel(Panel):
         """Draw a life."""
         return
 
+    def recent(self, what: str, name: str, *, legend: bool = True) -> rrb.TimeSeriesView:
+        """Return a view of the last ticks of `what` of the agent."""
+        return rrb.TimeSeriesView(
+            origin=f"/{self.base}/{what}",
+            name=name,
+            time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+            plot_legend=LEGEND if legend else NO_LEGEND,
+        )
+
 
 # ---- how panels draw ------------------------------------------------------------------------
 
@@ -237,6 +256,17 @@ def series(
 def lay(rec: rr.RecordingStream, entity: str, corner: tuple[float, float], cell: tuple[float, float]) -> None:
     """Lay the images of `entity` on the plane: lower left corner, size of a pixel."""
     rec.log(entity, rr.Transform3D(translation=[*corner, 0], scale=[*cell, 1]), static=True)
+
+
+def draw_map(rec: rr.RecordingStream, folder: str, grid: maps.Grid, value: np.ndarray, *more: Any) -> None:
+    """Draw a map `value` (rows, columns) of J, NaN outside the arena, and its range in words; log `more` with it."""
+    low, high = float(np.nanmin(value)), float(np.nanmax(value))
+    image = colours.shade(MAP_SCALE, value, low, high)
+    image[~np.isfinite(value)] = BACKGROUND
+    rec.log(f"{folder}/image", rr.Image(image, draw_order=-10), *more)
+    (x, y), (tall, wide) = grid.corner, (extent * grid.cell for extent in value.shape)
+    ends = [(x + share * wide, y - 0.03 * tall) for share in (0.2, 0.8)]
+    rec.log(f"{folder}/range", *text(ends, [f"dark {low:.2f}", f"bright {high:.2f}"], [INK] * 2))
 
 
 def text(places: Any, words: Sequence[str], shades: Sequence[colours.Colour]) -> tuple[rr.Points2D]:

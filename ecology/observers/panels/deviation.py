@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import Life
-from ecology.observers.panels.base import LEGEND, STATE_TICKS, LifePanel, last, scalars, series, time_columns
+from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
 
 
 class Deviation(LifePanel):
@@ -25,11 +25,4 @@ class Deviation(LifePanel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [
-            rrb.TimeSeriesView(
-                origin=f"/{self.base}/deviation",
-                name="x - x*",
-                time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
-                plot_legend=LEGEND,
-            )
-        ]
+        return [self.recent("deviation", "x - x*")]

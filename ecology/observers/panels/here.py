@@ -8,9 +8,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers import colours, maps
-from ecology.observers.panels.base import Batch, Panel, Watch, bounds, lay, set_times, text
-from ecology.observers.scene import BACKGROUND, INK, MAP_SCALE, Scene
+from ecology.observers import maps
+from ecology.observers.panels.base import Batch, Panel, Watch, bounds, draw_map, lay, set_times
+from ecology.observers.scene import BACKGROUND, Scene
 
 CELLS = 40  # along the longer side of the arena
 
@@ -54,14 +54,7 @@ class Here(Panel):
             if value is None or not np.isfinite(value).any():
                 continue
             set_times(rec, s["tick"], s["time"])
-            low, high = float(np.nanmin(value)), float(np.nanmax(value))
-            image = colours.shade(MAP_SCALE, value, low, high)
-            image[~np.isfinite(value)] = BACKGROUND
-            rec.log(f"world/here/{self.name}/image", rr.Image(image, draw_order=-10))
-            (x, y), wide = self._grid.corner, value.shape[1] * self._grid.cell
-            ends = [(x + share * wide, y - 0.03 * value.shape[0] * self._grid.cell) for share in (0.2, 0.8)]
-            words = text(ends, [f"dark {low:.2f}", f"bright {high:.2f}"], [INK] * 2)
-            rec.log(f"world/here/{self.name}/range", *words)
+            draw_map(rec, f"world/here/{self.name}", self._grid, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the map with the agent, its plan and its forecast in it."""

@@ -34,7 +34,7 @@ class Reported(Panel):
 
     def sample(self, watch: Watch) -> Any:
         """Return the mean of each over the living, (K,)."""
-        report, living = watch.minds[self.name].report(), watch.state.alive[self.scene.groups[self.name].slots]
+        report, living = watch.report(self.name), watch.state.alive[self.scene.groups[self.name].slots]
         known = [np.asarray(report.get(word, np.nan)) * np.ones(len(living)) for word in self.words]
         return np.array([census.mean(value[living]) for value in known], dtype=float)
 

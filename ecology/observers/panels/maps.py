@@ -9,9 +9,9 @@ import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers import colours, maps
-from ecology.observers.panels.base import Batch, Panel, Watch, bounds, lay, set_times, text
-from ecology.observers.scene import BACKGROUND, INK, MAP_SCALE, Scene
+from ecology.observers import maps
+from ecology.observers.panels.base import Batch, Panel, Watch, bounds, draw_map, lay, set_times
+from ecology.observers.scene import BACKGROUND, Scene
 
 
 class Maps(Panel):
@@ -46,10 +46,10 @@ class Maps(Panel):
     def open(self, rec: rr.RecordingStream) -> None:
         """Lay the maps on the plane."""
         for i in maps.mapped_needs(self.species):
-            lay(rec, self._image(i), self.scene.grid.corner, (self.scene.grid.cell,) * 2)
+            lay(rec, f"{self._folder(i)}/image", self.scene.grid.corner, (self.scene.grid.cell,) * 2)
 
-    def _image(self, need: int) -> str:
-        return f"world/maps/{self.name}/{self.species.needs[need].name}/image"
+    def _folder(self, need: int) -> str:
+        return f"world/maps/{self.name}/{self.species.needs[need].name}"
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw the maps that were due."""
@@ -61,22 +61,10 @@ class Maps(Panel):
                 self._draw_one(rec, i, value)
 
     def _draw_one(self, rec: rr.RecordingStream, need: int, value: np.ndarray) -> None:
-        low, high = float(np.nanmin(value)), float(np.nanmax(value))
-        image = colours.shade(MAP_SCALE, value, low, high)
-        image[~np.isfinite(value)] = BACKGROUND
-        rec.log(
-            self._image(need),
-            rr.Image(image, draw_order=-10),
-            rr.AnyValues(
-                deviation=pa.array(value.astype(np.float32).reshape(-1)),
-                shape=np.array(value.shape, np.int32),
-            ),
+        numbers = rr.AnyValues(
+            deviation=pa.array(value.astype(np.float32).reshape(-1)), shape=np.array(value.shape, np.int32)
         )
-        x, y = self.scene.grid.corner
-        wide, tall = value.shape[1] * self.scene.grid.cell, value.shape[0] * self.scene.grid.cell
-        ends = [(x + share * wide, y - 0.03 * tall) for share in (0.2, 0.8)]
-        words = [f"dark {low:.2f}", f"bright {high:.2f}"]
-        rec.log(f"{self._image(need).removesuffix('image')}range", *text(ends, words, [INK] * 2))
+        draw_map(rec, self._folder(need), self.scene.grid, value, numbers)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return a view per need."""

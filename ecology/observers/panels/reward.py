@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import Life
-from ecology.observers.panels.base import NO_LEGEND, STATE_TICKS, LifePanel, last, scalars, series, time_columns
+from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
 
 
 class Reward(LifePanel):
@@ -26,11 +26,4 @@ class Reward(LifePanel):
         """Return the plot; after the fact, of many, no rewards are known."""
         if not self.scene.full and self.name in self.scene.chosen:
             return []
-        return [
-            rrb.TimeSeriesView(
-                origin=f"/{self.base}/reward",
-                name="reward",
-                time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
-                plot_legend=NO_LEGEND,
-            )
-        ]
+        return [self.recent("reward", "reward", legend=False)]

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from ecology import physiology
 from ecology.observers import colours
 from ecology.observers.census import Life
-from ecology.observers.panels.base import LEGEND, STATE_TICKS, LifePanel, last, scalars, series, time_columns
+from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
 from ecology.spec import Species
 
 
@@ -33,14 +33,7 @@ class Shares(LifePanel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [
-            rrb.TimeSeriesView(
-                origin=f"/{self.base}/shares",
-                name="what it wants: shares of its drive",
-                time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
-                plot_legend=LEGEND,
-            )
-        ]
+        return [self.recent("shares", "what it wants: shares of its drive")]
 
 
 def drive_shares(species: Species, delta: np.ndarray) -> np.ndarray:

@@ -64,10 +64,10 @@ def scripted(travel: float) -> dict[str, float]:
     stays: list[bool] = answers.play(
         env, tick, 40 * round(travel + charnov(travel)), policy, lambda e, _: bool(e.state_view.action[0] in (1, 2))
     )
-    return residence(stays, A, float(env.state_view.ingested[0, 0]))
+    return residence(stays, float(env.state_view.ingested[0, 0]))
 
 
-def residence(stays: list[bool], _: float, eaten: float) -> dict[str, float]:
+def residence(stays: list[bool], eaten: float) -> dict[str, float]:
     """Return mean lengths of meals and of the time between them in the second half, ticks, and the mean intake."""
     eats = np.array(stays[len(stays) // 2 :])
     edges = np.flatnonzero(np.diff(eats.astype(int)))
@@ -114,7 +114,7 @@ def learned(travel: float, seed: int) -> dict[str, float]:
     )  # fmt: skip
     eats = [row[0] for row in rows]
     half = len(rows) // 2
-    found = residence(eats, A, 0.0)
+    found = residence(eats, 0.0)
     # meals with a short interruption are one stay: the time from arrival to departure counts
     return {**found, "rate": (rows[-1][1] - rows[half][1]) / (len(rows) - half)}
 

@@ -121,7 +121,6 @@ def command(
             )  # fmt: skip
         make, count = _hosts(it, ray, gpus, memory)
         if resume is None:
-            it.check_folder()
             it.folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(lock(it.folder))
         try:
@@ -147,7 +146,7 @@ def _hosts(
             if value is not None:
                 raise EcologyError(f"{option} requires --ray; give --ray local to share out this machine, or drop it.")
         return ProcessHost, count_cpus()
-    share = cluster.gpus_per_run(ray, it.voyage.device, gpus, memory)
+    share = cluster.gpus_per_run(ray, it.voyage.device, gpus, memory, per="worker")
     joined = cluster.join(ray)
     nodes = cluster.capacity(joined, {"CPU": 1.0, "GPU": share, "memory": (memory or 0.0) * 2**30})
     return lambda folder: RayHost(joined, folder.absolute(), gpus=share, memory=memory or 0.0), max(1, nodes)
