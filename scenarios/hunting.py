@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ecology import Arena, Need, Outcome, Scenario, Species, World, bite, move, rest, turn
+from ecology import Arena, Need, Neighbours, Outcome, Scenario, Species, World, bite, move, rest, turn
 
 SIDE, REACH, WALK = 20.0, 0.1, 0.1  # lengths, and length per unit of time
 NEAR = 3.0  # how far hunters see, length
@@ -31,8 +31,6 @@ def build(
     density: float = 1.0, handling: float = 60.0, hunters: int = 20, sight: float = NEAR, ticks: int = 5_000
 ) -> Scenario:
     """Return the square; `density` is prey per unit of area, `handling` h in units of time, `sight` a length."""
-    from ecology import Neighbours
-
     prey = Species(
         name="prey",
         needs=(Need(name="ease", set_point=1.0),),

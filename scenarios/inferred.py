@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ecology import Need, Neighbours, Outcome, Scenario, World
+from ecology import EcologyError, Need, Neighbours, Outcome, Scenario, World
 from ecology.scenarios import food_share
 
 KNOWS = ("signs", "energy", "nothing")  # what is sensed of the partner
@@ -22,8 +22,6 @@ def build(
     senses: str = "signs", weight: float = 0.5, noise: float = 0.1, pairs: int = 1, ticks: int = 5_000
 ) -> Scenario:
     """Return the set-up; agents sense their partner's "signs", its "energy" itself, or "nothing"."""
-    from ecology import EcologyError
-
     if senses not in KNOWS:
         raise EcologyError(f"senses is one of {', '.join(map(repr, KNOWS))}, got {senses!r}.")
     world = food_share.build("affective" if weight > 0 else "none", max(weight, 1e-9), True, pairs, ticks)

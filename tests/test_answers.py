@@ -174,5 +174,5 @@ def test_rows_without_comparison_say_so():
     assert answers.fit_line([0, 1, 2], [1, 3, 5]) == pytest.approx((2, 1))
     assert answers.phi(0) == 0.5
     assert answers.binomial(3, 0.5) == pytest.approx([1 / 8, 3 / 8, 3 / 8, 1 / 8])
-    assert math.isnan(patches.residence([False] * 10, 1.0, 0.0)["stay"])
+    assert math.isnan(patches.residence([False] * 10, 0.0)["stay"])
     assert Row("", [1.0], closed=1.0, tolerance=0.1).says() == "agrees"
