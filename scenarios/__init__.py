@@ -33,12 +33,16 @@ EPISODE = 1000  # ticks after which a Gymnasium episode of a scenario is truncat
 
 def names() -> list[str]:
     """Return the names of the scenarios that ship, sorted."""
-    return sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
+    return _stems(HERE)
 
 
 def archipelago_names() -> list[str]:
     """Return the names of the archipelagos that ship, sorted."""
-    return sorted(path.stem for path in ARCHIPELAGOS.glob("*.py") if not path.stem.startswith("_"))
+    return _stems(ARCHIPELAGOS)
+
+
+def _stems(folder: Path) -> list[str]:
+    return sorted(path.stem for path in folder.glob("*.py") if not path.stem.startswith("_"))
 
 
 def archipelago_file(name: str) -> str:

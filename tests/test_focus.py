@@ -236,8 +236,10 @@ def test_a_click_brings_an_agent_into_focus(tmp_path):
         assert names[tick] == f"prey_{row}"
         assert values[tick] == pytest.approx(witness.states[tick].internal[row, 0] - 2.0, abs=1e-5)
     assert len(RrdReader(str(path)).blueprints()) == 1  # of several, one would be shown by chance
-    words = [text[0] for text in column(path, "/events/prey", "TextLog:text")[1]]
-    assert any(word.endswith(f"  now in focus: prey_{row}") for word in words)
+    at, texts = column(path, "/events/prey", "TextLog:text")
+    words = {text[0]: tick for tick, text in zip(at.tolist(), texts, strict=True)}
+    (turned,) = (word for word in words if word.endswith(f"  now in focus: prey_{row}"))
+    assert turned == f"{words[turned]}  now in focus: prey_{row}"
 
 
 def test_who_looks_on_is_shown_another_life_first(tmp_path):

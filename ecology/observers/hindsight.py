@@ -26,6 +26,7 @@ from ecology.ground import ground_of
 from ecology.observers import census, maps, shapes
 from ecology.observers.census import HUNGRIEST, Life, without_functions
 from ecology.observers.layout import FORKED, blueprint, life_panels
+from ecology.observers.panels.base import time_columns
 from ecology.observers.readback import chunks, plain, recording_id
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.observers.viewer import merged
@@ -232,10 +233,7 @@ class Hindsight:
         new = np.flatnonzero(np.append(True, shown[1:] != shown[:-1]))
         rec.send_columns(
             f"chosen/{who}/decision",
-            [
-                rr.TimeColumn("tick", sequence=ticks[new]),
-                rr.TimeColumn("sim_time", duration=ticks[new] * self._scene.scenario.dt),
-            ],
+            time_columns(ticks[new], ticks[new] * self._scene.scenario.dt),
             rr.TextDocument.columns(text=shown[new].tolist(), media_type=["text/markdown"] * len(new)),
         )
 

@@ -63,8 +63,3 @@ def values(case: Case, ledger: Ledger) -> dict[str, Any]:
     """Return what the parts of a case that are done came to, by their keys."""
     found = {part.key: ledger.read(case, part) for part in case.parts()}
     return {key: value for key, value in found.items() if value is not None}
-
-
-def table(case: Case, ledger: Ledger) -> str | None:
-    """Return the table of a case besides its rows, as far as its parts are done; None: it has none."""
-    return None if case.table is None else case.table(values(case, ledger))

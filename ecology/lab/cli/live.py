@@ -203,10 +203,10 @@ class Audience:
         assert control is not None
         assert state is not None
         control.seen(page, shown)
-        alive = {name: int(state.alive[g.slots].sum()) for name, g in self._run.env.groups.items() if g.size}
-        more: dict[str, Any] = {"ticks": self._run.plan.ticks, "alive": alive, "focus": self._rerun.focus}
-        more |= {"mind": self._rerun.mind}
-        more |= {"over": self._over, "fork": self._fork_status()}
+        more = {
+            "ticks": self._run.plan.ticks, "alive": _alive(self._run.env, state), "focus": self._rerun.focus,
+            "mind": self._rerun.mind, "over": self._over, "fork": self._fork_status(),
+        }  # fmt: skip
         return {**control.status(), "tick": state.tick, **more, "folder": str(self._run.folder)}
 
     def _fork_status(self) -> dict[str, Any] | None:
@@ -214,9 +214,8 @@ class Audience:
         if (twin := self._run.twin) is None:
             return None
         fork = twin.run
-        alive = fork.env.state_view.alive
-        count = {name: int(alive[g.slots].sum()) for name, g in fork.env.groups.items() if g.size}
-        return {"name": fork.folder.name, "folder": str(fork.folder), "at": twin.began, "alive": count}
+        alive = _alive(fork.env, fork.env.state_view)
+        return {"name": fork.folder.name, "folder": str(fork.folder), "at": twin.began, "alive": alive}
 
     def hear(self, click: Click) -> str | None:
         """Handle a click; report if it hits no living agent."""
@@ -315,3 +314,8 @@ def print_summary(folder: Path, summary: Mapping[str, Any]) -> None:
         print(f"{name}: {known[0]} on average, from {known[1]} to {known[2]}, {known[3]} at the end")
     watch = f"ecology view {folder}   or   " if (folder / RECORDING).exists() else ""
     print(f"next: {watch}ecology evaluate {folder}")
+
+
+def _alive(env: Ecology, state: State) -> dict[str, int]:
+    """Return how many live, by species."""
+    return {name: int(state.alive[group.slots].sum()) for name, group in env.groups.items() if group.size}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ecology.errors import EcologyError, nearest
 
@@ -134,18 +134,16 @@ def chosen(names: Sequence[str]) -> list[Part]:
 
 def fill(template: str, parts: Sequence[Part]) -> str:
     """Return the template with the lines of `parts` at its marked places, and what they import."""
-    places: dict[str, list[str]] = {}
+    places: dict[str, dict[Any, str]] = {}
     for part in parts:
         for place, lines in part.lines.items():
-            for line in lines.split("\n"):
-                if place != "species" or line.partition("=")[0] not in {
-                    known.partition("=")[0] for known in places.get(place, ()) if "=" in known and known[0].isalpha()
-                }:  # what two components say alike of the species is said once
-                    places.setdefault(place, []).append(line)
+            there = places.setdefault(place, {})
+            for line in lines.split("\n"):  # what two components say alike of the species is said once
+                there.setdefault(line.partition("=")[0] if place == "species" else len(there), line)
 
     def put(mark: re.Match[str]) -> str:
         indent = mark.group(0)[: mark.group(0).index("#")]
-        return "".join(f"{indent}{line}\n" if line else "\n" for line in places.get(mark.group(1), ()))
+        return "".join(f"{indent}{line}\n" if line else "\n" for line in places.get(mark.group(1), {}).values())
 
     text = MARK.sub(put, template)
     more = {name for part in parts for name in part.imports}

@@ -76,10 +76,10 @@ def join(groups: Sequence[Travellers]) -> Travellers:
     minds = {}
     for name in groups[0].minds:
         parts = [group.minds[name] for group in groups]
-        wide = np.max([part.shape[1:] for part in parts], axis=0) if parts[0].ndim > 1 else []
+        wide = np.max([part.shape[1:] for part in parts], axis=0)
         padded = [
             np.pad(part, [(0, 0), *((0, int(most) - here) for most, here in zip(wide, part.shape[1:], strict=True))])
-            if parts[0].ndim > 1 and tuple(wide) != part.shape[1:]
+            if tuple(wide) != part.shape[1:]
             else part
             for part in parts
         ]

@@ -152,11 +152,12 @@ def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
             console.print(f"stopped; what is done is kept in {out}, the same command resumes", soft_wrap=True)
             raise StoppedError(signal.SIGINT) from None
         left -= part.seconds
-    found = {case.name: ledgers.rows(case, ledger) for case in cases}
-    tables = {case.name: text for case in cases if (text := ledgers.table(case, ledger)) is not None}
+    done = {case.name: ledgers.values(case, ledger) for case in cases}
+    found = {case.name: case.rows(done[case.name]) for case in cases}
+    tables = {case.name: case.table(done[case.name]) for case in cases if case.table is not None}
     written = report.write(out, found, tables)
     for case in cases:
-        written += report.draw(out, case, ledgers.values(case, ledger))
+        written += report.draw(out, case, done[case.name])
     if not quiet:
         table = Table(*report.HEAD)
         for name, rows in found.items():
