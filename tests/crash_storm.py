@@ -8,7 +8,6 @@ and another is begun. Compared are the last checkpoint, the metrics, and the tic
 
 from __future__ import annotations
 
-import collections
 import contextlib
 import os
 import shutil
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
-from same_end import same_end
+from same_end import recorded, same_end
 
 from ecology.lab.cli import live as _live  # noqa: F401  (what a run needs is loaded before it is forked)
 from ecology.lab.cli import main
@@ -28,7 +27,6 @@ from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
 from ecology.observers import recorder as _recorder  # noqa: F401
 from ecology.observers import rerun as _rerun  # noqa: F401
-from ecology.observers.readback import chunks
 
 SCENARIOS: dict[str, dict[str, Any]] = {  # ticks, and what else the run is told
     "paper": {"ticks": 1_500},
@@ -76,20 +74,11 @@ def resume(folder: Path, seconds: float | None) -> int | None:
         time.sleep(0.002)
 
 
-def recorded(folder: Path) -> dict[str, collections.Counter[int]]:
-    """Return how often every entity of a recording has each tick."""
-    found: dict[str, collections.Counter[int]] = collections.defaultdict(collections.Counter)
-    for chunk in chunks(folder / "recording.rrd", is_static=False):
-        if "tick" in chunk.timeline_names:
-            found[chunk.entity_path].update(chunk.to_record_batch().column("tick").to_pylist())
-    return found
-
-
 def compare(alone: Path, folder: Path) -> None:
     """Raise AssertionError where a run that was killed differs from the one that was left alone."""
     same_end(str(alone), str(folder))
     assert pq.read_table(alone / "metrics.parquet").equals(pq.read_table(folder / "metrics.parquet")), "metrics"
-    one, other = recorded(alone), recorded(folder)
+    one, other = recorded(alone / "recording.rrd"), recorded(folder / "recording.rrd")
     samples = max(map(len, one.values()))  # what is drawn only when it changes is drawn again after a resume
     differ = sorted(name for name, ticks in one.items() if len(ticks) >= samples - 1 and ticks != other.get(name))
     assert not differ, f"recording: {differ[:5]}"

@@ -361,12 +361,15 @@ class Past:
     """What the agent in focus felt at every tick, and what it had expected: J against what then happened."""
 
     def __init__(self) -> None:
-        self._serial = -1
+        self._serial, self._tick = -1, -1  # of the last drive
         self._drive: deque[float] = deque()  # of the ticks since the oldest expectation
         self._expected: deque[tuple[int, float]] = deque()  # tick and time
 
-    def follow(self, serial: int, drive: float) -> None:
-        """Take in the drive of a tick; another life begins anew."""
+    def follow(self, serial: int, tick: int, drive: float) -> None:
+        """Take in the drive of a tick, once however often it is shown; another life begins anew."""
+        if serial == self._serial and tick == self._tick:
+            return
+        self._tick = tick
         if serial != self._serial:
             self._serial = serial
             self._drive.clear()

@@ -267,7 +267,12 @@ class RerunObserver:
         self._lay_out()
 
     def flush(self) -> None:
-        """Write the samples at hand, at a checkpoint."""
+        """Write the samples at hand, at a checkpoint, with one of this tick: what was noted up to it is in the file."""
+        state = self._env.state_view
+        if state.tick != self._shown:
+            look = self._sampler.look(state)
+            self._sampler.follow(look)
+            self._sample(look)
         self._send()
         self._write()
 

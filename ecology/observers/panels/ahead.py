@@ -24,7 +24,7 @@ class Ahead(Panel):
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
         self._made: tuple[int, int] = (-1, -1)  # serial and tick of the decision that is in force
-        self._shown: tuple[int, int] = (-1, -1)  # the decision whose plan was last drawn
+        self._shown: tuple[int, int] | None = None  # the decision whose plan was last drawn
         self._hoped: np.ndarray | None = None  # (2,) where it was to lead
         self._misses: list[tuple[int, float, np.ndarray]] = []  # tick, time, and forecast and arrival (2, 2)
 

@@ -28,7 +28,8 @@ class Expectation(Panel):
 
     def follow(self, watch: Watch) -> None:
         """Take in the drive of a tick."""
-        self._past.follow(watch.focus.serials[self.name], watch.state.drive[watch.focus.slots[self.name]])
+        serial, state = watch.focus.serials[self.name], watch.state
+        self._past.follow(serial, state.tick, state.drive[watch.focus.slots[self.name]])
 
     def sample(self, watch: Watch) -> Any:
         """Return J and what was met of what was expected before, None where nothing is decided."""

@@ -21,7 +21,7 @@ class Maps(Panel):
 
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
-        self._next, self._last = 0, -1  # ticks of the next map and of the last one
+        self._last = -1  # tick of the last map
 
     def is_there(self) -> bool:
         """Return whether the mind of the species has a J that can be mapped."""
@@ -29,7 +29,9 @@ class Maps(Panel):
 
     def sample(self, watch: Watch) -> Any:
         """Return the maps (k, rows, columns) where they are due."""
-        return self._mapped(watch) if watch.turned or watch.state.tick >= self._next else None
+        every = self.scene.maps_every  # at its multiples, also in a run that is resumed between two of them
+        due = watch.turned or watch.state.tick // every > self._last // every
+        return self._mapped(watch) if due else None
 
     def final(self, watch: Watch) -> Any:
         """Return the maps as they are at the end."""
@@ -37,7 +39,7 @@ class Maps(Panel):
         return self._mapped(watch) if state.tick > self._last and state.tick % self.scene.every == 0 else None
 
     def _mapped(self, watch: Watch) -> np.ndarray | None:
-        self._next, self._last = watch.state.tick + self.scene.maps_every, watch.state.tick
+        self._last = watch.state.tick
         group, row = self.scene.groups[self.name], watch.row(self.name)
         if row < 0:
             return None
