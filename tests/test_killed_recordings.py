@@ -17,6 +17,7 @@ TICKS, KILLED = 200, (88, 141)  # some time after a checkpoint that lies between
 
 
 def watcher(folder: Path, *, resume: bool = False) -> RerunObserver:
+    """Return a recorder of the run in `folder`."""
     return RerunObserver(folder / "recording.rrd", every=10, maps_every=70, resume=resume)
 
 
@@ -28,7 +29,7 @@ def test_a_recording_that_was_killed_between_two_samples_lacks_nothing(tmp_path:
     for tick in run.living([watcher(whole)], 1):
         if tick == KILLED[0]:
             shutil.copytree(whole, left)
-    for tick in KILLED[1:] + (TICKS,):
+    for tick in (*KILLED[1:], TICKS):
         again = Run(resolve("paper", seed=3, ticks=TICKS, checkpoint_every=25), left)
         again.resume()
         living = again.living([watcher(left, resume=True)], 1)
