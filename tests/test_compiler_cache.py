@@ -87,6 +87,7 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_cache_that_can_be_written_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch, temporary: Path) -> None:
     """Nothing is set where Numba has a folder."""
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(compiler_cache.numba.config, "CACHE_LOCATOR_CLASSES", "", raising=False)  # Numba's own
     monkeypatch.setattr(compiler_cache.numba.config, "CACHE_DIR", "")
     compiler_cache.use_cache(str(temporary / "module.py"))  # not there: no folder beside it
     chosen = os.environ.pop("NUMBA_CACHE_DIR")

@@ -108,6 +108,7 @@ def test_median_and_worst_are_held_to_what_must_be():
 
 def test_what_is_measured_otherwise_lies_elsewhere(tmp_path, monkeypatch):
     """Another arithmetic, length or setting is another folder; comments in the code are not."""
+    monkeypatch.delenv("NUMBA_CPU_NAME", raising=False)
 
     def folder(ticks=5000, life=4000, settings=None):
         return minds.jobs(tmp_path, [7], ticks, life, settings or {})[0].folder

@@ -25,10 +25,10 @@ from ecology.observers.viewer import LOOPBACK, free_port
 
 BACKLOG = 64 * 2**20  # bytes that may wait for a viewer elsewhere; older ones are dropped
 PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
-STARTING = 60.0  # seconds granted to the process that serves viewers to begin
+STARTING = 60.0  # seconds granted to the process to begin
 MEMORY = "256MB"  # of history kept for viewers that attach late
 CONNECT, SERVE = "connect", "serve"  # to a viewer, or viewers that attach
-READY = b"+"  # is said when viewers can attach
+READY = b"+"  # is said when viewers can attach, or before the one elsewhere is looked for
 
 log = logging.getLogger("ecology")
 
@@ -58,18 +58,21 @@ class Relay:
         )
         self._thread = threading.Thread(target=self._feed, args=(pickle.dumps(scene),), daemon=True)
         self._thread.start()
+        self._said: list[bytes] = []
+        self._starting = threading.Thread(target=self._listen, daemon=True)
+        self._starting.start()
         if how == SERVE and not self._is_ready():
             self._tell("cannot be served")
 
-    def _is_ready(self) -> bool:
-        """Wait until the process says that viewers can attach; say whether they can."""
-        said: list[bytes] = []
+    def _listen(self) -> None:
         pipe = self._process.stdout
         assert pipe is not None
-        waiting = threading.Thread(target=lambda: said.append(pipe.read(len(READY))), daemon=True)
-        waiting.start()
-        waiting.join(STARTING)
-        return said == [READY]
+        self._said.append(pipe.read(len(READY)))
+
+    def _is_ready(self) -> bool:
+        """Wait until the process says that it is ready; say whether it is."""
+        self._starting.join(STARTING)
+        return self._said == [READY]
 
     def put(self, message: bytes) -> None:
         """Let `message` wait for its turn, in the place of the oldest where there is no room."""
@@ -84,8 +87,9 @@ class Relay:
             self._tell("is slower than the run; it is shown the newest")
 
     def close(self) -> None:
-        """Give the viewer `PATIENCE` seconds to take what waits, then leave."""
+        """Give the viewer `PATIENCE` seconds to take what waits, once the process has begun, then leave."""
         self._waiting.put(None)
+        self._is_ready()  # a short run on a busy machine ends before
         self._thread.join(PATIENCE)
         try:
             self._process.wait(0.1 if self._thread.is_alive() else PATIENCE)
@@ -129,6 +133,7 @@ def _relayed(how: str, address: str) -> int:
             scene: Scene = message
             rec = rr.RecordingStream(scene.application)
             if how == CONNECT:
+                _say_ready()
                 rec.connect_grpc(address, default_blueprint=blueprint(scene))
             else:
                 port = free_port(LOOPBACK, 0)
@@ -139,8 +144,7 @@ def _relayed(how: str, address: str) -> int:
             if how == SERVE:
                 host, _, outer = address.rpartition(":")
                 proxy.open_proxy(host, int(outer), port)
-                sys.stdout.buffer.write(READY)
-                sys.stdout.buffer.flush()
+                _say_ready()
         else:
             what, arguments = message
             getattr(drawing, what)(*arguments)
@@ -150,6 +154,11 @@ def _relayed(how: str, address: str) -> int:
             return 1
     rec.disconnect()
     return 0
+
+
+def _say_ready() -> None:
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
 
 
 if __name__ == "__main__":
