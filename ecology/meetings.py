@@ -12,7 +12,7 @@ from ecology import elementary, powers, setpoints
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, ground_of, walls
-from ecology.ground.walls import clear_lines
+from ecology.ground.walls import Walls, clear_lines
 from ecology.neighbours import Pairs
 from ecology.spec import Arena
 from ecology.state import Bools, Floats, Ints, State
@@ -296,8 +296,8 @@ def _aim_of(model: Model, state: State, pairs: Pairs | None, rows: slice, table:
     for a in table.meeting:
         assert pairs is not None
         targets[:, a] = in_reach(
-            pairs.starts, pairs.other, pairs.distance, rows.start, len(targets), table.reach[a], table.meets[a],
-            model.species_of, state.position, model.eyes.wall_from, model.eyes.wall_along, model.eyes.open,
+            pairs, rows.start, len(targets), table.reach[a], table.meets[a], model.species_of, state.position,
+            model.eyes.walls,
         )  # fmt: skip
     return targets
 
@@ -321,30 +321,24 @@ def gifts(wanted: Floats, held: Floats) -> Floats:
 
 @compiled
 def in_reach(
-    starts: Ints,
-    other: Ints,
-    distance: Floats,
+    pairs: Pairs,
     first: int,
     n: int,
     reach: float,
     wanted: int,
     species_of: Ints,
     position: Floats,
-    wall_from: Floats,
-    wall_along: Floats,
-    open_: bool,
+    walls: Walls,
 ) -> Ints:
     """Return whom of the species `wanted` is nearest in `reach`, no wall between, for n slots from `first` on: (n,)."""
     found = np.full(n, -1)
     for row in range(n):
         i = first + row
-        for p in range(starts[i], starts[i + 1]):
-            j = other[p]
-            if distance[p] > reach:
+        for p in range(pairs.starts[i], pairs.starts[i + 1]):
+            j = pairs.other[p]
+            if pairs.distance[p] > reach:
                 break
-            if species_of[j] == wanted and (
-                open_ or clear_lines(wall_from, wall_along, position[i : i + 1], position[j : j + 1])[0]
-            ):
+            if species_of[j] == wanted and clear_lines(walls, position[i : i + 1], position[j : j + 1])[0]:
                 found[row] = j
                 break
     return found

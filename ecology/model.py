@@ -215,7 +215,7 @@ def compile_model(scenario: Scenario) -> Model:
         cued=compile_cued(species, cues),
         yields=any(a.by_stock or (a.kind == "consume" and a.chance < 1) for s in species for a in s.actions),
         body=body,
-        eyes=compile_eyes(species, ground, kinds),
+        eyes=compile_eyes(species, ground),
         resources=resources.compile_resources(kinds, arena, species),
         couplings=tuple(empathy.compile_coupling(species, blocks, width)),
         radius=np.repeat([float(s.radius) for s in species], counts),

@@ -128,7 +128,7 @@ class ArrayWorld:
         state.position, put_back = self._physics.move(state.position, way, model.dt, state.alive)
         state.returned += put_back
         # resources: bodies that eat from one stock share it
-        ingested, eaten = resources.eat(model, state, seen, deeds.control, rng)
+        ingested, eaten = resources.eat(model, state, seen, deeds, rng)
         hauling.haul(model, state, seen, eaten)
         # meetings: bites, gifts, crowding, the scenario's own rule
         met = meetings.meet(model, state, seen, deeds.control, rng)
@@ -180,8 +180,8 @@ class ArrayWorld:
     def _perceive(self, state: State, last: neighbours.Pairs | None) -> Perception:
         """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
         model = self.model
-        offered, eyes = resources.offered(state.stock, state.available), sight.eyes_now(model, state)
-        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, offered)
+        patches, eyes = resources.patches_now(model, state), sight.eyes_now(model, state)
+        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, patches)
         if model.appearing is not None and model.appearing.comes:
             there = ~appearing.absent(model, state.stock)
             state.inside, state.seen = state.inside & there, state.seen & there
@@ -190,7 +190,7 @@ class ArrayWorld:
         empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, here, toward, targets)
         hauling.close_actions(model, state, here, masks)
-        return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes)
+        return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes, patches)
 
     def _sense(self, state: State) -> None:
         """Draw what faulty senses read in this tick, and let memories fade and take up what is sensed."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, resources
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import angle_of
 from ecology.ground import plane
@@ -30,48 +30,41 @@ class Patches(Sense):
         self._rows, self._far = whose.rows, whose.far
         self.components: tuple[Component, ...] = place_components(resource, whose.far)
         self._kind = names.index(resource) if resource in names else -1  # the scenario refuses an unknown one
-        self._full = self._kind >= 0 and math.isfinite(whose.resources[self._kind].most)
-        if self._full:
+        if self._kind >= 0 and math.isfinite(whose.resources[self._kind].most):
             self.components += (Component(f"{resource}_fullness", "plain", 0.5, 0.0, 1.0),)
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write where the patch is; the farthest distance and 0 where none is seen."""
-        extent = model.plane
+        own, patch = zeta[:, column : column + len(self.components)], seen.nearest[:, self._kind]
         _write_patches(
-            zeta, column, self._far, seen.nearest[:, self._kind], self._rows.start, state.position, state.heading,
-            state.resource_position, extent.size, extent.torus, self._full, state.stock, model.resources.capacity,
-        )  # fmt: skip
+            own, self._far, patch, self._rows.start, state.position, state.heading, seen.patches, model.plane.period
+        )
 
 
 @compiled
 def _write_patches(
     zeta: np.ndarray,
-    column: int,
     far: float,
     patch: Ints,
     first: int,
     position: Floats,
     heading: Floats,
-    places: Floats,
-    size: Floats,
-    torus: bool,
-    full: bool,
-    stock: Floats,
-    capacity: Floats,
+    patches: resources.Patches,
+    period: Floats,
 ) -> None:
-    """Write distance and bearing of the `patch` (N,) that each sees, -1 none, into zeta (n, D) from `column` on.
+    """Write distance and bearing of the `patch` (N,) that each sees, -1 none, into zeta (n, 2 or 3).
 
-    The rows of zeta are the slots from `first` on. Where its fullness is perceived, that too.
+    The rows of zeta are the slots from `first` on; a third column is for the fullness of the patch.
     """
     for row in range(len(zeta)):
         i = first + row
         r = patch[i]
         if r < 0:
-            zeta[row, column] = far
+            zeta[row, 0] = far
             continue
-        dx = way_along(position[i, 0], places[r, 0], size[0], torus)
-        dy = way_along(position[i, 1], places[r, 1], size[1], torus)
-        zeta[row, column] = min(math.sqrt(dx * dx + dy * dy), far)
-        zeta[row, column + 1] = wrapped(angle_of(dy, dx) - heading[i])
-        if full:
-            zeta[row, column + 2] = stock[r] / capacity[r]
+        dx = way_along(position[i, 0], patches.position[r, 0], period[0])
+        dy = way_along(position[i, 1], patches.position[r, 1], period[1])
+        zeta[row, 0] = min(math.sqrt(dx * dx + dy * dy), far)
+        zeta[row, 1] = wrapped(angle_of(dy, dx) - heading[i])
+        if zeta.shape[1] > 2:
+            zeta[row, 2] = patches.stock[r] / patches.capacity[r]
