@@ -302,9 +302,9 @@ def test_a_run_that_stopped_resumes_among_its_interventions(lived, world, tmp_pa
 
 def test_a_fork_has_the_past_of_its_run(lived, tmp_path):
     """The world at a tick is reached with all that was done before, and the log of the fork replays whole."""
-    from ecology.lab.runs.fork import fork
+    from ecology.lab.runs.fork import Change, fork
 
-    forked = fork(open_run(tmp_path / "first"), 14, tmp_path / "fork", changes={})
+    forked = fork(open_run(tmp_path / "first"), 14, tmp_path / "fork", Change())
     assert forked.now == 14
     assert "prey_8" not in forked.env.agents
     assert forked.frozen == {"prey"}

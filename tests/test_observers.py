@@ -149,11 +149,12 @@ def strict():
     rr.set_strict_mode(True)
 
 
-def rerun_observer(*args, **kwargs):
+def rerun_observer(*args, serve=None, connect=None, resume=False, wishes=None, **kwargs):
     """Return a RerunObserver; rerun is loaded by the tests that use it."""
-    from ecology.observers.rerun import RerunObserver
+    from ecology.observers.rerun import Recorded, RerunObserver, Viewers
 
-    return RerunObserver(*args, **kwargs)
+    run = Recorded(resume=resume, wishes=wishes)
+    return RerunObserver(*args, viewers=Viewers(serve, connect), run=run, **kwargs)
 
 
 def column(path, entity, component):
