@@ -149,7 +149,7 @@ def test_a_controlled_run_has_the_same_life(world, tmp_path):  # noqa: F811
     assert ticks[:3] == [0, 1, 2]
     assert ticks[3] > 2
     same(end_of(alone), end_of(run))
-    from test_observers import column
+    from observed import column
 
     drawn = set(column(tmp_path / "life.rrd", "/world/agents/prey", "serial")[0].tolist())
     assert {0, 1, 2, 10, 20, 30, 40} <= drawn

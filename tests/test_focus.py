@@ -13,7 +13,7 @@ import warnings
 import numpy as np
 import pytest
 from conftest import PATIENCE
-from test_observers import TICKS, Wanderer, Witness, choice, column, live, many, one, rerun_observer, told, village
+from observed import TICKS, Wanderer, Witness, choice, column, live, many, one, rerun_observer, told, village
 
 from ecology import Ecology, EcologyError
 from ecology.observers import census, page, viewer, wishes

@@ -218,7 +218,7 @@ def world(tmp_path):
     file = tmp_path / "hamlet.py"
     file.write_text(
         f"import sys\nsys.path.insert(0, {str(tests)!r})\n\n\ndef build(ticks: int = {TICKS}):\n"
-        '    """A village."""\n    import dataclasses\n\n    from test_observers import village\n\n'
+        '    """A village."""\n    import dataclasses\n\n    from observed import village\n\n'
         "    return dataclasses.replace(village(1e9), ticks=ticks, measures={})\n"
     )
     return file
@@ -438,7 +438,7 @@ def test_a_schedule_that_does_not_fit_stops_the_run(world, tmp_path):
 
 def test_interventions_are_recorded(world, tmp_path):
     """Each is an event of the recording at its tick, and in the metrics at the next sample."""
-    from test_observers import column
+    from observed import column
 
     from ecology.observers.recorder import Recorder, read
     from ecology.observers.rerun import RerunObserver
