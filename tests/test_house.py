@@ -1,6 +1,7 @@
 """The house: files, functions and their parameters stay small enough to be read at a glance."""
 
 import ast
+import re
 from pathlib import Path
 
 HOME = Path(__file__).parents[1]
@@ -36,4 +37,5 @@ def test_no_function_has_many_parameters():
     def count(node):
         return len(node.args.posonlyargs) + len(node.args.args) + len(node.args.kwonlyargs)
 
-    assert not [name for name, node in functions() if count(node) > PARAMETERS and not name.endswith(":build")]
+    many = [name for name, node in functions() if count(node) > PARAMETERS]
+    assert not [name for name in many if not re.fullmatch(r"scenarios/.*:build", name)]

@@ -79,7 +79,12 @@ def command(options: EvaluateOptions) -> None:
     learner = it.learners[species or next(iter(it.learners))]
     world, where = _world_to_measure_in(it, learner.group.name, options.in_, options.set_ or ())
     seed = it.plan.seed + EVALUATION_SEED if options.seed is None else options.seed
-    measured = {"device": options.device, "seed": seed, "ticks": options.ticks, "places": options.places}
+    measured: dict[str, Any] = {
+        "device": options.device,
+        "seed": seed,
+        "ticks": options.ticks,
+        "places": options.places,
+    }
     if not options.again:
         words: dict[str, Any] = {"scenario": world.name, "settings": dict(world.settings)}
         check_evaluation(where, {**words, "species": learner.group.name, **measured})
