@@ -211,7 +211,7 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray, st
         if table.drain is not None:
             deeds.control[group.slots] -= table.drain[state.action[group.slots]] * state.internal[group.slots]
     if going:
-        lead(bodies, state.resource_position, model.plane.period, model.dt, deeds)
+        lead(bodies, state.resource_position, model.plane.period, model.dt, deeds.speed, deeds.direction, deeds.way)
     if (factor := pace(model, state)) is not None:
         hurry(model, state, deeds, factor)
     if steering is not None:
@@ -295,7 +295,9 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
     """
     bodies = state.bodies()
     masks = {
-        group.name: open_masks(group.slots.start, bodies, here, toward, targets[group.name], table.conditions)
+        group.name: open_masks(
+            group.slots.start, bodies, state.internal, here, toward, targets[group.name], table.conditions
+        )
         for group, table in model.acting
     }
     if model.stages is not None:
@@ -382,29 +384,33 @@ def apply_choices(
 
 
 @compiled
-def lead(bodies: Bodies, patches: Floats, period: Floats, dt: float, deeds: Deeds) -> None:
+def lead(
+    bodies: Bodies, patches: Floats, period: Floats, dt: float, speed: Floats, direction: Floats, way: Floats
+) -> None:
     """Turn bodies that go to one of the `patches` (R, 2) towards it; none moves farther than to it in dt.
 
-    Written: their heading, speed, direction and way. The plane begins again after its `period` (2,).
+    Written: their heading, `speed`, `direction` (N,) and `way` (N, 2). The plane begins again after its `period` (2,).
     """
-    position, way = bodies.position, deeds.way
+    position = bodies.position
     for i in range(len(position)):
         r = bodies.bound_for[i]
         if r >= 0:
             way[i, 0] = way_along(position[i, 0], patches[r, 0], period[0])
             way[i, 1] = way_along(position[i, 1], patches[r, 1], period[1])
-            deeds.speed[i] = min(deeds.speed[i], math.sqrt(way[i, 0] * way[i, 0] + way[i, 1] * way[i, 1]) / dt)
-            bodies.heading[i] = deeds.direction[i] = angle_of(way[i, 1], way[i, 0])
+            speed[i] = min(speed[i], math.sqrt(way[i, 0] * way[i, 0] + way[i, 1] * way[i, 1]) / dt)
+            bodies.heading[i] = direction[i] = angle_of(way[i, 1], way[i, 0])
 
 
 @compiled
-def open_masks(first: int, bodies: Bodies, here: Ints, toward: Ints, targets: Ints, conditions: Conditions) -> Bools:
+def open_masks(
+    first: int, bodies: Bodies, internal: Floats, here: Ints, toward: Ints, targets: Ints, conditions: Conditions
+) -> Bools:
     """Return A_zeta, which actions are open, (n, A) for the n slots of one species, from `first` on.
 
     `targets` is (n, A), the rest is by slot; see `open_actions`.
     """
     opens_from, closes_at, consumes, goes_to, meets, rest, committed = conditions
-    internal, action = bodies.internal, bodies.action
+    action = bodies.action
     n, count, needs = len(targets), len(consumes), internal.shape[1]
     mask = np.zeros((n, count), np.bool_)
     for row in range(n):

@@ -12,7 +12,7 @@ from ecology import elementary, powers, setpoints
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, ground_of, walls
-from ecology.ground.walls import Walls, clear_lines
+from ecology.ground.walls import Walls, is_clear
 from ecology.neighbours import Pairs
 from ecology.spec import Arena
 from ecology.state import Bools, Floats, Ints, State
@@ -338,7 +338,7 @@ def in_reach(
             j = pairs.other[p]
             if pairs.distance[p] > reach:
                 break
-            if species_of[j] == wanted and clear_lines(walls, position[i : i + 1], position[j : j + 1])[0]:
+            if species_of[j] == wanted and is_clear(walls, position[i], position[j]):
                 found[row] = j
                 break
     return found

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ecology import elementary
+from ecology.actions import Deeds
 from ecology.compiler_cache import compiled, use_cache
 from ecology.ground import Ground, scatter_in
 from ecology.ground.outline import polygon_of
@@ -20,7 +21,6 @@ from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
-    from ecology.actions import Deeds
     from ecology.model import Model
     from ecology.senses import Perception
 
@@ -65,16 +65,14 @@ class Patches(NamedTuple):
 
     kind: Ints  # (R,) resource
     radius: Floats  # (R,)
-    capacity: Floats  # (R,)
     position: Floats  # (R, 2)
-    stock: Floats  # (R,)
     offered: Bools  # (R,) whether it can be consumed and gone to: available and not empty
 
 
 def patches_now(model: Model, state: State) -> Patches:
     """Return the patches of `state`."""
-    table, offered_ = model.resources, offered(state.stock, state.available)
-    return Patches(table.kind, table.radius, table.capacity, state.resource_position, state.stock, offered_)
+    table = model.resources
+    return Patches(table.kind, table.radius, state.resource_position, offered(state.stock, state.available))
 
 
 def compile_resources(resources: Sequence[Resource], arena: Arena, everyone: Sequence[Species] = ()) -> ResourceTable:

@@ -14,12 +14,12 @@ from ecology.ground import Ground, plane, walls
 from ecology.ground.plane import way_along
 from ecology.ground.walls import NO_WALLS, Walls, is_hidden, near_walls
 from ecology.neighbours import Pairs
+from ecology.resources import Patches
 from ecology.spec import Species
 from ecology.state import Bodies, Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
-    from ecology.resources import Patches
 
 use_cache(__file__, plane.__file__, walls.__file__, elementary.__file__)
 

@@ -20,12 +20,11 @@ CAUSES = ("alive", "need", "eaten", "hazard", "rule", "bitten")
 
 
 class Bodies(NamedTuple):
-    """What compiled loops read of bodies, and write: arrays of a state, no copies; N slots, V needs."""
+    """What compiled loops read of bodies, and write: arrays of a state, no copies; N slots."""
 
     alive: Bools  # (N,)
     position: Floats  # (N, 2)
     heading: Floats  # (N,)
-    internal: Floats  # (N, V)
     action: Ints  # (N,)
     hold: Floats  # (N,)
     bound_for: Ints  # (N,)
@@ -113,7 +112,7 @@ class State:
 
     def bodies(self) -> Bodies:
         """Return the arrays that loops over bodies need, as they are now."""
-        return Bodies(self.alive, self.position, self.heading, self.internal, self.action, self.hold, self.bound_for)
+        return Bodies(self.alive, self.position, self.heading, self.action, self.hold, self.bound_for)
 
     def readonly(self) -> State:
         """Return a view of this state that refuses to be written, its arrays and its fields."""

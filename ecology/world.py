@@ -190,7 +190,7 @@ class ArrayWorld:
         empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, here, toward, targets)
         hauling.close_actions(model, state, here, masks)
-        return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes, patches)
+        return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes)
 
     def _sense(self, state: State) -> None:
         """Draw what faulty senses read in this tick, and let memories fade and take up what is sensed."""

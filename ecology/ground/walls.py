@@ -97,18 +97,23 @@ def _crosses(ax: float, ay: float, ox: float, oy: float, bx: float, by: float) -
     return cross > 0 and 0 <= t <= cross and 0 <= s <= cross
 
 
+@within
+def is_clear(walls: Walls, here: Floats, there: Floats) -> bool:
+    """Return whether the straight segment from here to there (2,) crosses no wall."""
+    start, along = walls.start, walls.along
+    ax, ay = there[0] - here[0], there[1] - here[1]
+    for w in range(len(start)):
+        if _crosses(ax, ay, start[w, 0] - here[0], start[w, 1] - here[1], along[w, 0], along[w, 1]):
+            return False
+    return True
+
+
 @compiled
 def clear_lines(walls: Walls, here: Floats, there: Floats) -> Bools:
     """Return which straight segments from here to there (m, 2) cross no wall, (m,)."""
-    start, along = walls.start, walls.along
-    found = np.ones(len(here), np.bool_)
+    found = np.empty(len(here), np.bool_)
     for m in range(len(here)):
-        ax, ay = there[m, 0] - here[m, 0], there[m, 1] - here[m, 1]
-        for w in range(len(start)):
-            ox, oy = start[w, 0] - here[m, 0], start[w, 1] - here[m, 1]
-            if _crosses(ax, ay, ox, oy, along[w, 0], along[w, 1]):
-                found[m] = False
-                break
+        found[m] = is_clear(walls, here[m], there[m])
     return found
 
 

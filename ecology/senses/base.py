@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ecology.model import Model
-    from ecology.resources import Patches
     from ecology.sight import Eyes
 
 Kind = Literal["deviation", "felt", "position", "angle", "plain"]
@@ -56,7 +55,6 @@ class Perception(NamedTuple):
     targets: Mapping[str, Ints]  # by species (n, A), slot that a bite or gift would meet, -1 without
     masks: Mapping[str, Bools]  # by species (n, A), A_zeta
     eyes: Eyes  # as they are now
-    patches: Patches  # as they are now
 
 
 class Sense:

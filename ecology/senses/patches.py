@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary, resources
+from ecology import elementary
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import angle_of
 from ecology.ground import plane
@@ -30,31 +30,34 @@ class Patches(Sense):
         self._rows, self._far = whose.rows, whose.far
         self.components: tuple[Component, ...] = place_components(resource, whose.far)
         self._kind = names.index(resource) if resource in names else -1  # the scenario refuses an unknown one
-        if self._kind >= 0 and math.isfinite(whose.resources[self._kind].most):
+        self._full = self._kind >= 0 and math.isfinite(whose.resources[self._kind].most)
+        if self._full:
             self.components += (Component(f"{resource}_fullness", "plain", 0.5, 0.0, 1.0),)
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write where the patch is; the farthest distance and 0 where none is seen."""
-        own, patch = zeta[:, column : column + len(self.components)], seen.nearest[:, self._kind]
-        _write_patches(
-            own, self._far, patch, self._rows.start, state.position, state.heading, seen.patches, model.plane.period
+        own, patch, first = zeta[:, column:], seen.nearest[:, self._kind], self._rows.start
+        _write_places(
+            own, self._far, patch, first, state.position, state.heading, state.resource_position, model.plane.period
         )
+        if self._full:
+            _write_fullness(own[:, 2], patch, first, state.stock, model.resources.capacity)
 
 
 @compiled
-def _write_patches(
+def _write_places(
     zeta: np.ndarray,
     far: float,
     patch: Ints,
     first: int,
     position: Floats,
     heading: Floats,
-    patches: resources.Patches,
+    places: Floats,
     period: Floats,
 ) -> None:
-    """Write distance and bearing of the `patch` (N,) that each sees, -1 none, into zeta (n, 2 or 3).
+    """Write distance and bearing of the `patch` (N,) that each sees, -1 none, into zeta (n, 2 or more).
 
-    The rows of zeta are the slots from `first` on; a third column is for the fullness of the patch.
+    The rows of zeta are the slots from `first` on.
     """
     for row in range(len(zeta)):
         i = first + row
@@ -62,9 +65,16 @@ def _write_patches(
         if r < 0:
             zeta[row, 0] = far
             continue
-        dx = way_along(position[i, 0], patches.position[r, 0], period[0])
-        dy = way_along(position[i, 1], patches.position[r, 1], period[1])
+        dx = way_along(position[i, 0], places[r, 0], period[0])
+        dy = way_along(position[i, 1], places[r, 1], period[1])
         zeta[row, 0] = min(math.sqrt(dx * dx + dy * dy), far)
         zeta[row, 1] = wrapped(angle_of(dy, dx) - heading[i])
-        if zeta.shape[1] > 2:
-            zeta[row, 2] = patches.stock[r] / patches.capacity[r]
+
+
+@compiled
+def _write_fullness(fullness: np.ndarray, patch: Ints, first: int, stock: Floats, capacity: Floats) -> None:
+    """Write how full the `patch` (N,) is that each sees, -1 none, into zeta's column (n,), slots from `first` on."""
+    for row in range(len(fullness)):
+        r = patch[first + row]
+        if r >= 0:
+            fullness[row] = stock[r] / capacity[r]
