@@ -276,7 +276,7 @@ def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
         raise EcologyError(
             f"actions must be {model.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
         )
-    found = np.where(state.alive, actions, 0).astype(np.int64)
+    found = np.where(state.alive, actions, 0).astype(np.int64, copy=False)
     bad = first_unknown(found, model.choices)
     if bad >= 0:
         raise EcologyError(

@@ -288,7 +288,10 @@ def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) 
 
 def aim(model: Model, state: State, pairs: Pairs | None) -> dict[str, Ints]:
     """Return by species whom bites and gifts would meet, slots (n, A): the nearest in reach, no wall between; -1."""
-    return {group.name: _aim_of(model, state, pairs, group.slots, table) for group, table in model.acting}
+    return {
+        group.name: _aim_of(model, state, pairs, group.slots, table) if table.meeting else model.no_targets[group.name]
+        for group, table in model.acting
+    }
 
 
 def _aim_of(model: Model, state: State, pairs: Pairs | None, rows: slice, table: ActionTable) -> Ints:

@@ -60,21 +60,6 @@ class ResourceTable:
     constant: bool  # whether all are unlimited, always available and stay where they are
 
 
-class Patches(NamedTuple):
-    """The R patches as they are now."""
-
-    kind: Ints  # (R,) resource
-    radius: Floats  # (R,)
-    position: Floats  # (R, 2)
-    offered: Bools  # (R,) whether it can be consumed and gone to: available and not empty
-
-
-def patches_now(model: Model, state: State) -> Patches:
-    """Return the patches of `state`."""
-    table = model.resources
-    return Patches(table.kind, table.radius, state.resource_position, offered(state.stock, state.available))
-
-
 def compile_resources(resources: Sequence[Resource], arena: Arena, everyone: Sequence[Species] = ()) -> ResourceTable:
     """Return the constants of the patches of `resources` of `arena`, in their order, which `everyone` may consume."""
     scattered = [r.position is None or isinstance(r.motion, Relocation) for r in resources]

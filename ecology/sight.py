@@ -14,7 +14,6 @@ from ecology.ground import Ground, plane, walls
 from ecology.ground.plane import way_along
 from ecology.ground.walls import NO_WALLS, Walls, is_hidden, near_walls
 from ecology.neighbours import Pairs
-from ecology.resources import Patches
 from ecology.spec import Species
 from ecology.state import Bodies, Bools, Floats, Ints, State
 
@@ -63,14 +62,15 @@ def eyes_now(model: Model, state: State) -> Eyes:
     return model.eyes._replace(range=far * (share if state.sight is None else share * state.sight))
 
 
-def find_patches(model: Model, state: State, eyes: Eyes, patches: Patches) -> tuple[Bools, Bools, Ints, Ints, Ints]:
+def find_patches(model: Model, state: State, eyes: Eyes, offered: Bools) -> tuple[Bools, Bools, Ints, Ints, Ints]:
     """Return where the patches are from each body; see `around`.
 
-    A patch is seen within the angle and the range of the view field, with no wall between. An agent that has arrived
-    at a patch is bound for it no more.
+    A patch is seen within the angle and the range of the view field, with no wall between. `offered` (R,) are patches
+    that can be consumed. An agent that has arrived at a patch is bound for it no more.
     """
     state.own("bound_for")
-    return around(eyes, state.bodies(), patches, len(model.scenario.resources), model.plane.period)
+    table, kinds, period = model.resources, len(model.scenario.resources), model.plane.period
+    return around(eyes, state.bodies(), state.resource_position, table.radius, table.kind, offered, kinds, period)
 
 
 # ---- compiled loops ----------------------------------------------------------------------------
@@ -119,18 +119,24 @@ def in_view(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: 
 
 @compiled
 def around(
-    eyes: Eyes, bodies: Bodies, patches: Patches, kinds: int, period: Floats
+    eyes: Eyes,
+    bodies: Bodies,
+    place: Floats,
+    radius: Floats,
+    kind: Ints,
+    offered: Bools,
+    kinds: int,
+    period: Floats,
 ) -> tuple[Bools, Bools, Ints, Ints, Ints]:
-    """Return what n bodies have of R patches of K `kinds` of resources around them.
+    """Return what n bodies have of R patches around them, at a `place` (R, 2), of K `kinds` of resources.
 
-    Inside which circle each is and which it sees, (n, R); for each resource the nearest patch of those offered, -1
+    Inside which circle each is and which it sees, (n, R); for each resource the nearest patch of those `offered`, -1
     without: `here`, in whose circle it is, `toward`, that it sees or is bound for while it is in none, and `glimpse`,
     that it sees or is in, (n, K). Who has arrived is bound for nothing more, which is written. The plane begins again
     after its `period` (2,).
     """
     half_angle, range_, looks, walls = eyes
     alive, position, heading, bound_for = bodies.alive, bodies.position, bodies.heading, bodies.bound_for
-    place = patches.position
     n, count = len(position), len(place)
     inside, seen = np.zeros((n, count), np.bool_), np.zeros((n, count), np.bool_)
     here, toward, glimpse = np.full((n, kinds), -1), np.full((n, kinds), -1), np.full((n, kinds), -1)
@@ -146,7 +152,7 @@ def around(
             dx = way_along(position[i, 0], place[r, 0], period[0])
             dy = way_along(position[i, 1], place[r, 1], period[1])
             d = math.sqrt(dx * dx + dy * dy)
-            contains = d <= patches.radius[r]
+            contains = d <= radius[r]
             sees = looks[i] and d <= range_[i]
             if sees:
                 sees = not _aside(dx, dy, d, heading[i], cos, sin, half_angle[i], edge)
@@ -156,9 +162,9 @@ def around(
             bound = bound_for[i] == r
             if bound and contains:
                 bound_for[i] = -1
-            if not patches.offered[r]:
+            if not offered[r]:
                 continue
-            k = patches.kind[r]
+            k = kind[r]
             if contains and d < near[k]:
                 near[k], here[i, k] = d, r
             if (sees or bound) and not contains and (bound or d < far[k]):  # who is on the way to one goes on to it

@@ -180,8 +180,8 @@ class ArrayWorld:
     def _perceive(self, state: State, last: neighbours.Pairs | None) -> Perception:
         """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
         model = self.model
-        patches, eyes = resources.patches_now(model, state), sight.eyes_now(model, state)
-        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, patches)
+        offered, eyes = resources.offered(state.stock, state.available), sight.eyes_now(model, state)
+        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, offered)
         if model.appearing is not None and model.appearing.comes:
             there = ~appearing.absent(model, state.stock)
             state.inside, state.seen = state.inside & there, state.seen & there
@@ -209,7 +209,7 @@ class ArrayWorld:
     ) -> Tick:
         """Return what the agents perceive."""
         model, state, seen = self.model, self.state, self.perception
-        none = np.zeros(model.size, bool)
+        none = np.zeros(model.size, bool) if died is None else died
         return Tick(
             observations={
                 name: senses.observe(model, gaze, state, seen)
