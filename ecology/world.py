@@ -209,7 +209,7 @@ class ArrayWorld:
     ) -> Tick:
         """Return what the agents perceive."""
         model, state, seen = self.model, self.state, self.perception
-        none = np.zeros(model.size, bool) if died is None else died
+        none = np.zeros(model.size, bool)
         return Tick(
             observations={
                 name: senses.observe(model, gaze, state, seen)
