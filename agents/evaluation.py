@@ -446,29 +446,43 @@ class Lived:
         }
 
 
+@dataclass(frozen=True)
+class Extent:
+    """How much of a learner is measured, and with which random numbers."""
+
+    seed: int = 0
+    ticks: int = 10_000  # of each life
+    skip: int = 1000  # of them, before drives are measured
+    places: int = PROBES  # per need, at which choices are probed
+    slot: int = 0  # within the species, whose maps and checks are meant; drives and probes are averaged over all
+    device: str = "cpu"  # where the report says that the learner computes
+
+
+@dataclass(frozen=True)
+class Trained:
+    """Where a learner comes from."""
+
+    name: str | None = None  # what it is called in the report
+    home: Scenario | None = None  # the world that it was trained in, where that is another than it is measured in
+    lived: Lived | None = None  # the run itself
+
+
 def evaluate(
     scenario: Scenario,
     learner: Learner,
-    seed: int = 0,
+    extent: Extent | None = None,
+    trained: Trained | None = None,
     *,
-    slot: int = 0,
-    ticks: int = 10_000,
-    skip: int = 1000,
-    places: int = PROBES,
-    name: str | None = None,
-    device: str = "cpu",
-    home: Scenario | None = None,
-    lived: Lived | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Findings:
     """Measure `learner` in `scenario`, against the baselines and the true world.
 
-    The learner stops learning for good; agents of other species rest. `slot` counts within the species
-    and says whose maps and checks are meant; drives and probes are averaged over all. `name` is what the learner
-    is called in the report, `device` where that says it computes. `home` is the world that it was trained in, where
-    that is another one; baselines that learn do so there too. `lived` is the run itself. `tell` is called with a line
-    before each part. Raises EcologyError where `skip` leaves no ticks, or where the learner does not fit the world.
+    The learner stops learning for good; agents of other species rest. Baselines that learn do so in the world that it
+    was `trained` in. `tell` is called with a line before each part. Raises EcologyError where the `extent` skips all
+    ticks, or where the learner does not fit the world.
     """
+    extent, trained = extent or Extent(), trained or Trained()
+    seed, ticks, skip, slot, home = extent.seed, extent.ticks, extent.skip, extent.slot, trained.home
     if not 0 <= skip < ticks:
         raise EcologyError(f"an evaluation needs more ticks than it skips, got {ticks} ticks, {skip} skipped.")
     check_fits(learner, scenario)
@@ -494,7 +508,7 @@ def evaluate(
     tell("maps")
     life, maps = frozen["learned"], maps_of(scenario, learner, slot)
     tell("probe")
-    probed = probe(scenario, learner, seed, places)
+    probed = probe(scenario, learner, seed, extent.places)
     gamma = getattr(getattr(learner, "settings", None), "gamma", None)
     checks, lives = _check_deviation(scenario, learner, (life, slot, skip), gamma, seed, tell)
     tell("transition check")
@@ -503,18 +517,18 @@ def evaluate(
         "settings": dict(scenario.settings),
         "trained_in": None if home is None else {"scenario": home.name, "settings": dict(home.settings)},
         "species": group.name,
-        "learner": name or type(learner).__name__.lower(),
-        "device": device,
+        "learner": trained.name or type(learner).__name__.lower(),
+        "device": extent.device,
         "slot": slot,
         "seed": seed,
         "ticks": ticks,
         "skip": skip,
-        "places": places,
+        "places": extent.places,
         "epsilon": EPSILON,
         "mean_drive": drives,
         "mean_own_drive": own_drives,
         "regulated": {"below": bound, "of": yardstick, "share": REGULATED},
-        "as_lived": None if lived is None else lived.report(bound),
+        "as_lived": None if trained.lived is None else trained.lived.report(bound),
         "worst_block": worst,
         "stuck": sunk,
         "closed_gap": closed_gap(drives),

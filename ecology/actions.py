@@ -5,23 +5,52 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ecology import elementary, fields, stages
 from ecology.compiler_cache import compiled, use_cache
+from ecology.elementary import angle_of
 from ecology.errors import EcologyError
 from ecology.ground import plane
 from ecology.ground.plane import way_along
 from ecology.spec import Action, Resource, Species
-from ecology.state import Bools, Floats, Ints, State
+from ecology.state import Bodies, Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
     from ecology.senses import Perception
 
-use_cache(__file__, plane.__file__)
+use_cache(__file__, plane.__file__, elementary.__file__)
+
+
+class Effects(NamedTuple):
+    """What an action makes a body do: columns of `ActionTable`."""
+
+    control: Floats
+    intake: Floats
+    speed: Floats
+    turn: Floats
+    direction: Floats
+    consumes: Ints
+    goes_to: Ints
+    duration: Floats
+    bites: Bools
+    rest: int
+
+
+class Conditions(NamedTuple):
+    """When an action is open: columns of `ActionTable`."""
+
+    opens_from: Floats
+    closes_at: Floats
+    consumes: Ints
+    goes_to: Ints
+    meets: Ints
+    rest: int
+    committed: bool
 
 
 @dataclass(frozen=True)
@@ -53,6 +82,16 @@ class ActionTable:
     closes_at: Floats  # (A, V)
     rest: int  # index of the rest action
     committed: bool  # whether a go_to excludes the other actions until it ends
+
+    @cached_property
+    def effects(self) -> Effects:
+        """Return what actions make a body do."""
+        return Effects(*(getattr(self, name) for name in Effects._fields))
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """Return when actions are open."""
+        return Conditions(*(getattr(self, name) for name in Conditions._fields))
 
 
 def compile_actions(species: Species, resources: tuple[Resource, ...], everyone: Sequence[Species]) -> ActionTable:
@@ -137,6 +176,22 @@ class Deeds(NamedTuple):
     speed: Floats  # (N,)
     direction: Floats  # (N,) radians
     closed: Bools  # (N,) agents whose action was closed and was replaced
+    way: Floats  # (N, 2) to the patch that a body goes to
+    consumes: Ints  # (N,) resource, -1 without
+    intake: Floats  # (N, V) the part of u that is taken out of a resource's stock, per unit of time
+
+
+def no_deeds(n: int, needs: int) -> Deeds:
+    """Return deeds to be written for n slots."""
+    return Deeds(
+        control=np.empty((n, needs)),
+        speed=np.empty(n),
+        direction=np.empty(n),
+        closed=np.empty(n, bool),
+        way=np.empty((n, 2)),
+        consumes=np.empty(n, np.int64),
+        intake=np.empty((n, needs)),
+    )
 
 
 def decide(model: Model, state: State, seen: Perception, actions: np.ndarray, steering: Floats | None = None) -> Deeds:
@@ -147,44 +202,31 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray, st
     """
     before = state.heading
     chosen = checked_actions(model, state, actions)
-    n = model.size
-    control = np.empty_like(state.internal)
-    speed, direction, way, closed = np.empty(n), np.empty(n), np.empty((n, 2)), np.empty(n, bool)
+    deeds = no_deeds(*state.internal.shape)
     state.own("heading", "action", "hold", "bound_for")
-    going = 0
+    bodies, going = state.bodies(), 0
     for group, table in model.acting:
-        going += apply_choices(
-            chosen, seen.masks[group.name], group.slots.start, model.dt, state.alive, state.hold, state.action,
-            state.heading, state.bound_for, state.position, state.resource_position, seen.toward,
-            model.plane.size, model.plane.torus, table.control, table.speed, table.turn, table.direction,
-            table.goes_to, table.duration, table.bites, table.rest, control, speed, direction, closed, way,
-        )  # fmt: skip
+        mask = seen.masks[group.name]
+        going += apply_choices(group.slots.start, chosen, mask, seen.toward, model.dt, table.effects, bodies, deeds)
         if table.drain is not None:
-            control[group.slots] -= table.drain[state.action[group.slots]] * state.internal[group.slots]
+            deeds.control[group.slots] -= table.drain[state.action[group.slots]] * state.internal[group.slots]
     if going:
-        rows = np.flatnonzero(state.bound_for >= 0)
-        state.heading[rows] = direction[rows] = elementary.arctan2(way[rows, 1], way[rows, 0])
+        lead(bodies, state.resource_position, model.plane.period, model.dt, deeds.speed, deeds.direction, deeds.way)
     if (factor := pace(model, state)) is not None:
-        hurry(model, state, speed, way, factor)
+        hurry(model, state, deeds, factor)
     if steering is not None:
-        steer(model, state, steering, before, speed, direction, factor)
-    state.closed = state.closed + closed
-    return Deeds(control, speed, direction, closed)
+        steer(model, state, steering, before, deeds, factor)
+    state.closed = state.closed + deeds.closed
+    return deeds
 
 
-def steer(
-    model: Model,
-    state: State,
-    steering: Floats,
-    before: Floats,
-    speed: Floats,
-    direction: Floats,
-    factor: Floats | None,
-) -> None:
-    """Write `speed` and `direction` (N,) of the bodies that move as `steering` (N, 2) says; see `decide`.
+def steer(model: Model, state: State, steering: Floats, before: Floats, deeds: Deeds, factor: Floats | None) -> None:
+    """Write speed and direction of the bodies that move as `steering` (N, 2) says; see `decide`.
 
-    Speed and turn rate are kept within what the species' own moves and turns can do.
+    Speed and turn rate are kept within what the species' own moves and turns can do; headings are turned from those
+    `before` the tick (N,).
     """
+    speed, direction = deeds.speed, deeds.direction
     for group, table in model.acting:
         rows, action = group.slots, state.action[group.slots]
         kinds = np.array(table.kinds)
@@ -217,8 +259,9 @@ def pace(model: Model, state: State) -> Floats | None:
     return found
 
 
-def hurry(model: Model, state: State, speed: Floats, way: Floats, factor: Floats) -> None:
-    """Multiply `speed` (N,) by `factor` (N,); a go_to, along its `way` (N, 2), still ends where it leads."""
+def hurry(model: Model, state: State, deeds: Deeds, factor: Floats) -> None:
+    """Multiply the speed of the deeds by `factor` (N,); a go_to still ends where it leads."""
+    speed, way = deeds.speed, deeds.way
     going, left = np.flatnonzero(state.bound_for >= 0), np.full(len(speed), np.inf)
     left[going] = np.sqrt(way[going, 0] ** 2 + way[going, 1] ** 2) / model.dt
     for group, table in model.acting:
@@ -233,7 +276,7 @@ def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
         raise EcologyError(
             f"actions must be {model.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
         )
-    found = np.where(state.alive, actions, 0).astype(np.int64)
+    found = np.where(state.alive, actions, 0).astype(np.int64, copy=False)
     bad = first_unknown(found, model.choices)
     if bad >= 0:
         raise EcologyError(
@@ -250,14 +293,13 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
     where one leads `toward` (N, K) another, bite and give where there is a target (n, A), all -1 without; an action
     that still immobilises is the only one open. A dead slot has no open action.
     """
+    bodies = state.bodies()
     masks = {
         group.name: open_masks(
-            state.internal[group.slots], state.alive[group.slots], state.hold[group.slots], state.action[group.slots],
-            state.bound_for[group.slots], here[group.slots], toward[group.slots], targets[group.name],
-            table.opens_from, table.closes_at, table.consumes, table.goes_to, table.meets, table.rest, table.committed,
+            group.slots.start, bodies, state.internal, here, toward, targets[group.name], table.conditions
         )
         for group, table in model.acting
-    }  # fmt: skip
+    }
     if model.stages is not None:
         stages.close(model, state, masks)
     if model.cued is not None:
@@ -302,97 +344,81 @@ def first_unknown(actions: Ints, counts: Ints) -> int:
 
 @compiled
 def apply_choices(
-    wanted: Ints,
-    mask: Bools,
-    first: int,
-    dt: float,
-    alive: Bools,
-    hold: Floats,
-    action: Ints,
-    heading: Floats,
-    bound_for: Ints,
-    position: Floats,
-    patches: Floats,
-    toward: Ints,
-    size: Floats,
-    torus: bool,
-    acts_control: Floats,
-    acts_speed: Floats,
-    acts_turn: Floats,
-    acts_direction: Floats,
-    acts_goes_to: Ints,
-    acts_duration: Floats,
-    acts_bites: Bools,
-    rest: int,
-    control: Floats,
-    speed: Floats,
-    direction: Floats,
-    closed: Bools,
-    way: Floats,
+    first: int, chosen: Ints, mask: Bools, toward: Ints, dt: float, effects: Effects, bodies: Bodies, deeds: Deeds
 ) -> int:
     """Write what n slots of one species, from `first` on, do, and return how many go to a patch.
 
-    `wanted` (N,) are actions, of which the `mask` (n, A) lets some be. Written, by slot: `hold`, `action`, `heading`,
-    `bound_for`; `control` (N, V), `speed`, `direction` and `closed` (N,); `way` (N, 2) to the patch that a body goes
-    to, whose heading and direction are left to the caller.
+    `chosen` (N,) are actions, of which the `mask` (n, A) lets some be; `toward` (N, K) are the patches that a go_to
+    leads to. Written, by slot: hold, action, heading and bound_for of the bodies, and the deeds, but for the ways to
+    patches.
     """
     going = 0
+    alive, heading = bodies.alive, bodies.heading
     for row in range(len(mask)):
         i = first + row
-        a = wanted[i]
+        a = chosen[i]
         open_ = mask[row, a]
-        closed[i] = alive[i] and not open_
+        deeds.closed[i] = alive[i] and not open_
         if not open_:  # rest where it is open, else what the body is held to: a sleep, a committed go_to
-            a = rest if mask[row, rest] or not alive[i] else np.argmax(mask[row])
-        action[i] = a
-        for v in range(control.shape[1]):  # as an assignment of rows it would take four times as long to compile
-            control[i, v] = acts_control[a, v]
-        bound_for[i] = -1
+            a = effects.rest if mask[row, effects.rest] or not alive[i] else np.argmax(mask[row])
+        bodies.action[i] = a
+        for v in range(deeds.control.shape[1]):  # as an assignment of rows it would take four times as long to compile
+            deeds.control[i, v] = effects.control[a, v]
+            deeds.intake[i, v] = effects.intake[a, v]
+        deeds.consumes[i] = effects.consumes[a]
+        bodies.bound_for[i] = -1
         if not alive[i]:
-            speed[i], direction[i] = 0.0, heading[i] if np.isnan(acts_direction[a]) else acts_direction[a]
+            deeds.speed[i] = 0.0
+            deeds.direction[i] = heading[i] if np.isnan(effects.direction[a]) else effects.direction[a]
             continue
-        if acts_duration[a] > 0 and not acts_bites[a] and hold[i] <= 0:
-            hold[i] = acts_duration[a]
-        speed[i] = acts_speed[a]
-        if acts_goes_to[a] >= 0:
-            r = toward[i, acts_goes_to[a]]
-            bound_for[i] = r
-            way[i, 0] = way_along(position[i, 0], patches[r, 0], size[0], torus)
-            way[i, 1] = way_along(position[i, 1], patches[r, 1], size[1], torus)
-            speed[i] = min(speed[i], math.sqrt(way[i, 0] * way[i, 0] + way[i, 1] * way[i, 1]) / dt)
+        if effects.duration[a] > 0 and not effects.bites[a] and bodies.hold[i] <= 0:
+            bodies.hold[i] = effects.duration[a]
+        deeds.speed[i] = effects.speed[a]
+        if effects.goes_to[a] >= 0:
+            bodies.bound_for[i] = toward[i, effects.goes_to[a]]
             going += 1
         else:
-            heading[i] = (heading[i] + acts_turn[a] * dt + math.pi) % (2 * math.pi) - math.pi
-        direction[i] = heading[i] if np.isnan(acts_direction[a]) else acts_direction[a]
+            heading[i] = (heading[i] + effects.turn[a] * dt + math.pi) % (2 * math.pi) - math.pi
+        deeds.direction[i] = heading[i] if np.isnan(effects.direction[a]) else effects.direction[a]
     return going
 
 
 @compiled
+def lead(
+    bodies: Bodies, patches: Floats, period: Floats, dt: float, speed: Floats, direction: Floats, way: Floats
+) -> None:
+    """Turn bodies that go to one of the `patches` (R, 2) towards it; none moves farther than to it in dt.
+
+    Written: their heading, `speed`, `direction` (N,) and `way` (N, 2). The plane begins again after its `period` (2,).
+    """
+    position = bodies.position
+    for i in range(len(position)):
+        r = bodies.bound_for[i]
+        if r >= 0:
+            way[i, 0] = way_along(position[i, 0], patches[r, 0], period[0])
+            way[i, 1] = way_along(position[i, 1], patches[r, 1], period[1])
+            speed[i] = min(speed[i], math.sqrt(way[i, 0] * way[i, 0] + way[i, 1] * way[i, 1]) / dt)
+            bodies.heading[i] = direction[i] = angle_of(way[i, 1], way[i, 0])
+
+
+@compiled
 def open_masks(
-    internal: Floats,
-    alive: Bools,
-    hold: Floats,
-    action: Ints,
-    bound_for: Ints,
-    here: Ints,
-    toward: Ints,
-    targets: Ints,
-    opens_from: Floats,
-    closes_at: Floats,
-    consumes: Ints,
-    goes_to: Ints,
-    meets: Ints,
-    rest: int,
-    committed: bool,
+    first: int, bodies: Bodies, internal: Floats, here: Ints, toward: Ints, targets: Ints, conditions: Conditions
 ) -> Bools:
-    """Return A_zeta, which actions are open, (n, A) for the n slots of one species; see `open_actions`."""
-    n, count, needs = len(internal), len(consumes), internal.shape[1]
+    """Return A_zeta, which actions are open, (n, A) for the n slots of one species, from `first` on.
+
+    `targets` is (n, A), the rest is by slot; see `open_actions`.
+    """
+    opens_from, closes_at, consumes, goes_to, meets, rest, committed = conditions
+    action = bodies.action
+    n, count, needs = len(targets), len(consumes), internal.shape[1]
     mask = np.zeros((n, count), np.bool_)
-    for i in range(n):
-        if not alive[i]:
+    for row in range(n):
+        i = first + row
+        if not bodies.alive[i]:
             continue
-        if hold[i] > 0:
-            mask[i, action[i]] = True
+        if bodies.hold[i] > 0:
+            mask[row, action[i]] = True
             continue
         some = False
         for a in range(count):
@@ -407,12 +433,12 @@ def open_masks(
             if fits and goes_to[a] >= 0:
                 fits = toward[i, goes_to[a]] >= 0
             if fits and meets[a] >= 0:
-                fits = targets[i, a] >= 0
-            mask[i, a] = fits
+                fits = targets[row, a] >= 0
+            mask[row, a] = fits
             some |= fits
-        if committed and bound_for[i] >= 0 and goes_to[action[i]] >= 0 and mask[i, action[i]]:
-            mask[i, :] = False
-            mask[i, action[i]] = True
+        if committed and bodies.bound_for[i] >= 0 and goes_to[action[i]] >= 0 and mask[row, action[i]]:
+            mask[row, :] = False
+            mask[row, action[i]] = True
         if not some:
-            mask[i, rest] = True  # a body whose thresholds close everything can still do nothing
+            mask[row, rest] = True  # a body whose thresholds close everything can still do nothing
     return mask

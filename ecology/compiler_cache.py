@@ -9,11 +9,13 @@ import atexit
 import contextlib
 import functools
 import hashlib
+import inspect
 import os
 import shutil
 import stat
 import tempfile
 import types
+import typing
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +44,62 @@ def use_cache(file: str, *inlined: str) -> None:
 
 
 def compiled(function: Any) -> Any:
-    """Compile a loop that Python calls."""
-    return keep_compiled(numba.njit(no_cfunc_wrapper=True)(function), _inlined[function.__code__.co_filename])  # type: ignore[call-overload]
+    """Compile a loop that Python calls, by position.
+
+    Numba takes microseconds to recognise a record in a call, but a twentieth of one for an array. So a parameter whose
+    annotation is a NamedTuple is passed field by field, and put together again within. Such a loop can only be called
+    by Python.
+    """
+    sources = _inlined[function.__code__.co_filename]
+    hints = {name: _evaluate(function, name) for name in inspect.signature(function).parameters}
+    if not any(_is_record(hint) for hint in hints.values()):
+        return keep_compiled(numba.njit(no_cfunc_wrapper=True)(function), sources)  # type: ignore[call-overload]
+    known: dict[str, Any] = {"__name__": function.__module__}
+    known["loop"] = numba.njit(no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)  # type: ignore[call-overload]
+    taken, given, built = [], [], []
+    for name, hint in hints.items():
+        fields, whole, parts = _spread(name, name, hint, known)
+        taken += fields
+        built.append(whole)
+        given += parts
+    exec(f"def fields({', '.join(taken)}):\n    return loop({', '.join(built)})", known)
+    records = {Path(inspect.getfile(each)) for each in known.values() if _is_record(each)}
+    flat = known["fields"]
+    flat.__qualname__ = function.__qualname__
+    code = function.__code__
+    flat.__code__ = flat.__code__.replace(co_filename=code.co_filename, co_firstlineno=code.co_firstlineno)
+    known["fields"] = keep_compiled(numba.njit(no_cfunc_wrapper=True)(flat), (*sources, *sorted(records)))  # type: ignore[call-overload]
+    exec(f"def call({', '.join(hints)}):\n    return fields({', '.join(given)})", known)
+    call = functools.wraps(function)(known["call"])
+    call.dispatcher = known["fields"]  # type: ignore[attr-defined]
+    return call
+
+
+def _evaluate(function: Any, parameter: str) -> Any:
+    """Return what the annotation of a parameter says, None where there is none."""
+    hint = function.__annotations__.get(parameter)
+    return eval(hint, function.__globals__) if isinstance(hint, str) else hint
+
+
+def _is_record(hint: Any) -> bool:
+    return isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields")
+
+
+def _spread(name: str, way: str, hint: Any, known: dict[str, Any]) -> tuple[list[str], str, list[str]]:
+    """Return a parameter field by field: the fields' names, how it is built of them, and how a call takes them of it.
+
+    The classes that it is built of are added to what is `known`.
+    """
+    if not _is_record(hint):
+        return [name], name, [way]
+    known[hint.__name__] = hint
+    hints = typing.get_type_hints(hint)
+    if not any(map(_is_record, hints.values())):
+        names = [f"{name}_{field}" for field in hint._fields]
+        return names, f"{hint.__name__}({', '.join(names)})", [f"*{way}"]
+    parts = [_spread(f"{name}_{field}", f"{way}.{field}", hints[field], known) for field in hint._fields]
+    fields, taken = ([each for part in parts for each in part[k]] for k in (0, 2))
+    return fields, f"{hint.__name__}({', '.join(whole for _, whole, _ in parts)})", taken
 
 
 def within(function: Any) -> Any:

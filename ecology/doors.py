@@ -14,7 +14,7 @@ import numpy as np
 from ecology import fields
 from ecology.fields import Fields
 from ecology.ground import Ground, ground_of
-from ecology.sight import Eyes
+from ecology.sight import Eyes, hiding
 from ecology.spec import Arena, Door
 from ecology.state import Bools, Floats, State
 
@@ -52,7 +52,7 @@ def fit(model: Model, open_: Bools | None = None) -> Model:
     key = open_.tobytes()
     if key not in doors.known:
         ground = ground_of(shut(model.scenario.arena, open_))
-        eyes = replace(model.eyes, open=ground.open, wall_from=ground.start, wall_along=ground.along)
+        eyes = model.eyes._replace(walls=hiding(ground))
         doors.known[key] = ground, eyes, fields.around_walls(model.fields, ground)
     ground, eyes, flows = doors.known[key]
     return model if model.ground is ground else replace(model, ground=ground, eyes=eyes, fields=flows)

@@ -12,7 +12,7 @@ from ecology import elementary, powers, setpoints
 from ecology.compiler_cache import compiled, use_cache
 from ecology.errors import EcologyError, nearest
 from ecology.ground import Ground, ground_of, walls
-from ecology.ground.walls import clear_lines
+from ecology.ground.walls import Walls, is_clear
 from ecology.neighbours import Pairs
 from ecology.spec import Arena
 from ecology.state import Bools, Floats, Ints, State
@@ -288,7 +288,10 @@ def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) 
 
 def aim(model: Model, state: State, pairs: Pairs | None) -> dict[str, Ints]:
     """Return by species whom bites and gifts would meet, slots (n, A): the nearest in reach, no wall between; -1."""
-    return {group.name: _aim_of(model, state, pairs, group.slots, table) for group, table in model.acting}
+    return {
+        group.name: _aim_of(model, state, pairs, group.slots, table) if table.meeting else model.no_targets[group.name]
+        for group, table in model.acting
+    }
 
 
 def _aim_of(model: Model, state: State, pairs: Pairs | None, rows: slice, table: ActionTable) -> Ints:
@@ -296,8 +299,8 @@ def _aim_of(model: Model, state: State, pairs: Pairs | None, rows: slice, table:
     for a in table.meeting:
         assert pairs is not None
         targets[:, a] = in_reach(
-            pairs.starts, pairs.other, pairs.distance, rows.start, len(targets), table.reach[a], table.meets[a],
-            model.species_of, state.position, model.eyes.wall_from, model.eyes.wall_along, model.eyes.open,
+            pairs, rows.start, len(targets), table.reach[a], table.meets[a], model.species_of, state.position,
+            model.eyes.walls,
         )  # fmt: skip
     return targets
 
@@ -321,30 +324,24 @@ def gifts(wanted: Floats, held: Floats) -> Floats:
 
 @compiled
 def in_reach(
-    starts: Ints,
-    other: Ints,
-    distance: Floats,
+    pairs: Pairs,
     first: int,
     n: int,
     reach: float,
     wanted: int,
     species_of: Ints,
     position: Floats,
-    wall_from: Floats,
-    wall_along: Floats,
-    open_: bool,
+    walls: Walls,
 ) -> Ints:
     """Return whom of the species `wanted` is nearest in `reach`, no wall between, for n slots from `first` on: (n,)."""
     found = np.full(n, -1)
     for row in range(n):
         i = first + row
-        for p in range(starts[i], starts[i + 1]):
-            j = other[p]
-            if distance[p] > reach:
+        for p in range(pairs.starts[i], pairs.starts[i + 1]):
+            j = pairs.other[p]
+            if pairs.distance[p] > reach:
                 break
-            if species_of[j] == wanted and (
-                open_ or clear_lines(wall_from, wall_along, position[i : i + 1], position[j : j + 1])[0]
-            ):
+            if species_of[j] == wanted and is_clear(walls, position[i], position[j]):
                 found[row] = j
                 break
     return found

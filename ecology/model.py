@@ -82,6 +82,7 @@ class Model:
     looks: Bools  # (N,) whether empathy depends on whom the agent sees
     nobody: Ints  # (N,) -1; copied before it is written
     near: float  # distance within which anyone senses, meets or crowds another; 0: nobody does
+    no_targets: Mapping[str, Ints]  # by species (n, A) -1; never written
     meets: bool  # whether bodies bite, give or crowd
     mortal: bool  # whether anyone can die
     grows: bool  # whether anyone can be born
@@ -215,7 +216,7 @@ def compile_model(scenario: Scenario) -> Model:
         cued=compile_cued(species, cues),
         yields=any(a.by_stock or (a.kind == "consume" and a.chance < 1) for s in species for a in s.actions),
         body=body,
-        eyes=compile_eyes(species, ground, kinds),
+        eyes=compile_eyes(species, ground),
         resources=resources.compile_resources(kinds, arena, species),
         couplings=tuple(empathy.compile_coupling(species, blocks, width)),
         radius=np.repeat([float(s.radius) for s in species], counts),
@@ -225,6 +226,7 @@ def compile_model(scenario: Scenario) -> Model:
         choices=np.repeat([len(s.actions) for s in species], counts),
         looks=np.repeat([s.empathy is not None and s.empathy.sight for s in species], counts),
         nobody=np.full(sum(counts), -1),
+        no_targets={s.name: np.full((s.slots, len(s.actions)), -1) for s in species},
         near=_nearness(scenario, gazes),
         meets=any(s.crowding is not None or any(a.reach for a in s.actions) for s in species),
         mortal=body.deadly

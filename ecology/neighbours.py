@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from ecology.state import Bools, Floats, Ints
 use_cache(__file__, plane.__file__)
 
 
-@dataclass(frozen=True)
-class Pairs:
+class Pairs(NamedTuple):
     """P directed pairs of living slots, by `who`, and for each the nearest first."""
 
     who: Ints  # (P,)
@@ -33,7 +32,7 @@ def find(plane: Plane, position: Floats, alive: Bools, radius: float, last: Pair
     many as the `last` time.
     """
     room = 16 + (16 * len(alive) if last is None else len(last.who) * 9 // 8)
-    return Pairs(*pairs_within(position, alive, plane.low, plane.size, plane.torus, radius, room))
+    return Pairs(*pairs_within(position, alive, plane.low, plane.size, plane.period, radius, room))
 
 
 @within
@@ -48,23 +47,16 @@ def _longer(values: np.ndarray, room: int) -> np.ndarray:
     return longer
 
 
-@compiled
-def pairs_within(
-    points: Floats, alive: Bools, low: Floats, size: Floats, torus: bool, radius: float, room: int
-) -> tuple[Ints, Ints, Floats, Floats, Ints]:
-    """Return who, other (P,), gap (P, 2) and distance (P,) of all pairs of living points (n, 2) at most `radius` apart.
+@within
+def _sort_into_cells(
+    points: Floats, alive: Bools, low: Floats, wide: tuple[float, float], shape: tuple[int, int]
+) -> tuple[Ints, Ints, Ints, Floats, Floats]:
+    """Return living points (n, 2) in the order of their cells, so that what lies near is read together.
 
-    By who, and for each the nearest first, ties by index; with them where those of each start, (n + 1,). A grid of
-    cells at least `radius` wide is searched; on a torus the radius must be at most a third of the size, else every
-    pair is looked at. `room` is for how many pairs room is made at first.
+    The column and the row of every point's cell (n, 2), -1 of the dead; where the points of each cell start; and by
+    that order the points' indices, x and y. The cells, of which there are `shape`, are `wide` along each axis.
     """
-    n = len(points)
-    nx = int(min(max(size[0] / radius, 1.0), math.sqrt(n) + 1.0))
-    ny = int(min(max(size[1] / radius, 1.0), math.sqrt(n) + 1.0))
-    if torus and (nx < 3 or ny < 3):
-        nx = ny = 1
-    wx, wy = size[0] / nx, size[1] / ny
-    # the points in the order of their cells, so that what lies near is read together
+    n, (wx, wy), (nx, ny) = len(points), wide, shape
     cell = np.full((n, 2), -1)
     start = np.zeros(nx * ny + 1, np.int64)
     for i in range(n):
@@ -80,6 +72,25 @@ def pairs_within(
             c = cell[i, 0] * ny + cell[i, 1]
             order[fill[c]], x[fill[c]], y[fill[c]] = i, points[i, 0], points[i, 1]
             fill[c] += 1
+    return cell, start, order, x, y
+
+
+@compiled
+def pairs_within(
+    points: Floats, alive: Bools, low: Floats, size: Floats, period: Floats, radius: float, room: int
+) -> tuple[Ints, Ints, Floats, Floats, Ints]:
+    """Return who, other (P,), gap (P, 2) and distance (P,) of all pairs of living points (n, 2) at most `radius` apart.
+
+    By who, and for each the nearest first, ties by index; with them where those of each start, (n + 1,). A grid of
+    cells at least `radius` wide is searched; on a torus the radius must be at most a third of the size, else every
+    pair is looked at. `room` is for how many pairs room is made at first.
+    """
+    n, (period_x, period_y), torus = len(points), (period[0], period[1]), period[0] > 0.0
+    nx = int(min(max(size[0] / radius, 1.0), math.sqrt(n) + 1.0))
+    ny = int(min(max(size[1] / radius, 1.0), math.sqrt(n) + 1.0))
+    if torus and (nx < 3 or ny < 3):
+        nx = ny = 1
+    cell, start, order, x, y = _sort_into_cells(points, alive, low, (size[0] / nx, size[1] / ny), (nx, ny))
     starts = np.zeros(n + 1, np.int64)
     who, other, gap, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
     most = radius * radius * (1.0 + 1e-9)  # beyond it nobody needs a root
@@ -107,7 +118,7 @@ def pairs_within(
                     continue
                 c = cx * ny + cy
                 for k in range(start[c], start[c + 1]):  # without a branch: about a third is near enough
-                    dx, dy = way_along(xi, x[k], size[0], torus), way_along(yi, y[k], size[1], torus)
+                    dx, dy = way_along(xi, x[k], period_x), way_along(yi, y[k], period_y)
                     square = dx * dx + dy * dy
                     close[found], index[found] = square, order[k]
                     found += (square <= most) & (order[k] != i)
@@ -129,7 +140,7 @@ def pairs_within(
             gap_[:first] = gap[:first]
             gap = gap_
         for at in range(first, p):
-            gap[at, 0] = way_along(xi, points[other[at], 0], size[0], torus)
-            gap[at, 1] = way_along(yi, points[other[at], 1], size[1], torus)
+            gap[at, 0] = way_along(xi, points[other[at], 0], period_x)
+            gap[at, 1] = way_along(yi, points[other[at], 1], period_y)
     starts[n] = p
     return who[:p], other[:p], gap[:p], distance[:p], starts

@@ -16,11 +16,11 @@ import pymunk
 import pymunk.batch
 
 from ecology import elementary
-from ecology.compiler_cache import compiled, use_cache
+from ecology.compiler_cache import compiled, use_cache, within
 from ecology.elementary import cosine_and_sine
 from ecology.ground import Ground, walls
 from ecology.ground.outline import thickened
-from ecology.ground.walls import first_exit
+from ecology.ground.walls import NO_WALLS, Walls, first_exit
 from ecology.state import Bools, Floats
 
 use_cache(__file__, walls.__file__, elementary.__file__)
@@ -64,7 +64,7 @@ class Physics:
         self.plane = ground.plane
         self.count = len(radius)
         self.smallest = smallest if smallest is not None else float(radius.min()) if self.count else 1.0
-        self._start, self._end = (NOWHERE, NOWHERE) if ground.torus else (ground.start, ground.end)
+        self._walls = NO_WALLS if ground.torus else ground.walls
         thick = None if ground.torus else thickened(ground.polygon, WALL, ROUNDED * self.smallest)
         self._rings, self._thick = (list(ground.rings), 0.0) if thick is None else (thick, WALL)
         self.touches = not ground.torus or bool(solid.any())
@@ -154,10 +154,8 @@ class Physics:
             buffer.clear()
             pymunk.batch.get_space_bodies(space, MOVE, buffer)
             moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)
-            after, corrected = glide(
-                moved, self.count, h, self._start, self._end, self.radius, position, after, seen, bends, left == 0
-            )
-            held += corrected
+            before, after = after, advance_bodies(moved, self.count, h)
+            held += glide(after, self._walls, self.radius, position, before, seen, bends, left == 0)
         return after, held
 
     def memory(self) -> dict[str, np.ndarray]:
@@ -220,35 +218,58 @@ def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float
 
 
 @compiled
-def glide(
-    moved: Floats,
-    n: int,
-    h: float,
-    start: Floats,
-    end: Floats,
-    radius: Floats,
-    here: Floats,
-    before: Floats,
-    seen: Floats,
-    bends: bool,
-    last: bool,
-) -> tuple[Floats, int]:
-    """Return where n bodies of rows (>= n, 4), position and velocity, are after a substep of h, and how many are held.
+def advance_bodies(moved: Floats, n: int, h: float) -> Floats:
+    """Return where n bodies of rows (>= n, 4), position and velocity, come to in h, (n, 2)."""
+    found = np.empty((n, 2))
+    for i in range(n):
+        found[i, 0], found[i, 1] = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
+    return found
 
-    With walls from `start` to `end` (W, 2), a way from `before` (n, 2) that leaves the arena `bends` along the wall, or
-    is not gone. After the `last` substep, neither does the straight way from `here` (n, 2), where the tick began: a
-    body then ends where it was last `seen` (n, 2) from there, which is written. Held are those whose way was changed.
+
+@within
+def _bend(walls: Walls, radius: float, ax: float, ay: float, bx: float, by: float) -> tuple[float, float, bool]:
+    """Return where the way of a body from a to b ends, bent along walls by which it leaves, and whether it was bent."""
+    start, end = walls.start, walls.end
+    bent = False
+    wall = first_exit(walls, ax, ay, bx, by)
+    for _ in range(BENDS):
+        if wall < 0:
+            break
+        bent = True
+        x, y = end[wall, 0], end[wall, 1]
+        along_x, along_y = x - start[wall, 0], y - start[wall, 1]
+        length = math.sqrt(along_x * along_x + along_y * along_y)
+        inward_x, inward_y = -along_y / length, along_x / length
+        was = (ax - x) * inward_x + (ay - y) * inward_y  # how far from the wall
+        would = (bx - x) * inward_x + (by - y) * inward_y
+        back = min(max(was, ASIDE * radius), radius) - would
+        bx, by = bx + back * inward_x, by + back * inward_y
+        wall = first_exit(walls, ax, ay, bx, by)
+    if wall >= 0:
+        bx, by = ax, ay
+    return bx, by, bent
+
+
+@compiled
+def glide(
+    there: Floats, walls: Walls, radius: Floats, here: Floats, before: Floats, seen: Floats, bends: bool, last: bool
+) -> int:
+    """Correct where n bodies are `there` (n, 2) after a substep, and return how many are held.
+
+    A way from `before` (n, 2) that leaves the arena `bends` along the wall, or is not gone. After the `last` substep,
+    neither does the straight way from `here` (n, 2), where the tick began: a body then ends where it was last `seen`
+    (n, 2) from there, which is written. Held are those whose way was changed.
     """
-    found, held, several = np.empty((n, 2)), 0, not (bends and last)
+    start, end = walls.start, walls.end
+    held, several = 0, not (bends and last)
     boxes = np.empty((4, len(end)))  # of the walls
     for w in range(len(end)):
         for k in range(2):
             boxes[k, w] = min(end[w, k], start[w, k])
             boxes[2 + k, w] = max(end[w, k], start[w, k])
-    for i in range(n):
+    for i in range(len(there)):
         ax, ay, sx, sy = before[i, 0], before[i, 1], here[i, 0], here[i, 1]
-        bx, by = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
-        found[i, 0], found[i, 1] = bx, by
+        bx, by = there[i, 0], there[i, 1]
         low_x, high_x, low_y, high_y = min(ax, bx, sx), max(ax, bx, sx), min(ay, by, sy), max(ay, by, sy)
         near = 0
         for w in range(len(end)):  # no branches: most bodies are near no wall
@@ -258,28 +279,14 @@ def glide(
                 seen[i, 0], seen[i, 1] = bx, by
             continue
         changed = False
-        wall = first_exit(start, end, ax, ay, bx, by) if bends else -1
-        for _ in range(BENDS):
-            if wall < 0:
-                break
-            changed = True
-            x, y = end[wall, 0], end[wall, 1]
-            along_x, along_y = x - start[wall, 0], y - start[wall, 1]
-            length = math.sqrt(along_x * along_x + along_y * along_y)
-            inward_x, inward_y = -along_y / length, along_x / length
-            was = (ax - x) * inward_x + (ay - y) * inward_y  # how far from the wall
-            would = (bx - x) * inward_x + (by - y) * inward_y
-            back = min(max(was, ASIDE * radius[i]), radius[i]) - would
-            bx, by = bx + back * inward_x, by + back * inward_y
-            wall = first_exit(start, end, ax, ay, bx, by)
-        if wall >= 0:
-            bx, by = ax, ay
+        if bends:
+            bx, by, changed = _bend(walls, radius[i], ax, ay, bx, by)
         if several or ax != sx or ay != sy:  # else it has just been looked at
-            if first_exit(start, end, sx, sy, bx, by) < 0:
+            if first_exit(walls, sx, sy, bx, by) < 0:
                 seen[i, 0], seen[i, 1] = bx, by
             elif last:
                 changed = True
                 bx, by = seen[i, 0], seen[i, 1]
-        found[i, 0], found[i, 1] = bx, by
+        there[i, 0], there[i, 1] = bx, by
         held += changed
-    return found, held
+    return held

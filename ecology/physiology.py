@@ -235,12 +235,11 @@ def commit(model: Model, state: State, internal: Floats, taken: Floats, died: Bo
 
     `taken` (N, V) came from outside in the tick; agents that `died` (N,) keep what they had before it.
     """
-    body = model.body
     state.own("metabolised", "lost", "age", "hold")
-    state.internal, state.alive = live(
-        state.alive, died, state.internal, taken, internal, body.low, body.high,
-        state.metabolised, state.lost, state.age, state.hold, model.dt,
-    )  # fmt: skip
+    alive, before = state.alive, state.internal
+    state.internal, state.alive = keep_within(alive, died, before, internal, model.body.low, model.body.high)
+    account(alive, before, taken, internal, state.internal, state.metabolised, state.lost)
+    pass_time(state.alive, state.age, state.hold, model.dt)
 
 
 def clamp(body: Body, internal: Floats) -> Floats:
@@ -265,35 +264,41 @@ def _beyond(body: Body, internal: Floats) -> Bools:
 
 
 @compiled
-def live(
-    alive: Bools,
-    died: Bools,
-    before: Floats,
-    taken: Floats,
-    after: Floats,
-    low: Floats,
-    high: Floats,
-    metabolised: Floats,
-    lost: Floats,
-    age: Floats,
-    hold: Floats,
-    dt: float,
+def keep_within(
+    alive: Bools, died: Bools, before: Floats, after: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, Bools]:
     """Return x (N, V) kept within its bounds, the organism's automatic regulation, and who lives on (N,).
 
-    x goes from `before` to `after` by f and g and what was `taken` from outside; one that dies, or is dead, keeps
-    what it was. Written: `metabolised` and `lost` (N, V), before + taken - metabolised - lost = kept; `age`, `hold`.
+    One that dies, or is dead, keeps what it was `before`.
     """
     kept, lives = before.copy(), np.empty(len(alive), np.bool_)
     for i in range(len(alive)):
         lives[i] = alive[i] and not died[i]
+        if lives[i]:
+            for v in range(before.shape[1]):
+                kept[i, v] = min(max(after[i, v], low[i, v]), high[i, v])
+    return kept, lives
+
+
+@compiled
+def account(
+    alive: Bools, before: Floats, taken: Floats, after: Floats, kept: Floats, metabolised: Floats, lost: Floats
+) -> None:
+    """Book what became of x: add to `metabolised` and `lost`, before + taken - metabolised - lost = kept, (N, V) each.
+
+    x went from `before` to `after` by f and g and what was `taken` from outside.
+    """
+    for i in range(len(alive)):
         if alive[i]:
             for v in range(before.shape[1]):
-                if lives[i]:
-                    kept[i, v] = min(max(after[i, v], low[i, v]), high[i, v])
                 metabolised[i, v] += before[i, v] + taken[i, v] - after[i, v]
                 lost[i, v] += after[i, v] - kept[i, v]
+
+
+@compiled
+def pass_time(lives: Bools, age: Floats, hold: Floats, dt: float) -> None:
+    """Let bodies grow older by dt, and what immobilises them wear off."""
+    for i in range(len(lives)):
         if lives[i]:
             age[i] += dt
         hold[i] = max(hold[i] - dt, 0.0) if hold[i] > 1.5 * dt else 0.0
-    return kept, lives

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ecology import elementary
+from ecology.actions import Deeds
 from ecology.compiler_cache import compiled, use_cache
 from ecology.ground import Ground, scatter_in
 from ecology.ground.outline import polygon_of
@@ -151,21 +152,25 @@ def room_of(resource: Resource, arena: Arena, everyone: Sequence[Species]) -> An
 # ---- eating --------------------------------------------------------------------------------
 
 
+class Orders(NamedTuple):
+    """What bodies ask of patches in a tick, units of intake."""
+
+    wanted: Floats  # (N, V)
+    total: Floats  # (N,) sum over the needs
+    source: Ints  # (N,) patch, -1 without
+
+
 def eat(
-    model: Model, state: State, seen: Perception, control: Floats, rng: Mapping[str, np.random.Generator]
+    model: Model, state: State, seen: Perception, deeds: Deeds, rng: Mapping[str, np.random.Generator]
 ) -> tuple[Floats, Floats]:
-    """Return what bodies ingest (N, V) and what leaves the stocks (R,); write each one's share into u (N, V)."""
+    """Return what bodies ingest (N, V) and what leaves the stocks (R,); write each one's share into the deeds' u."""
+    control = deeds.control
     ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
-    wanted, total, source = np.zeros(control.shape), np.zeros(model.size), model.nobody.copy()
-    eaters = 0
-    for group, table in model.acting:
-        eaters += order_meals(
-            group.slots.start, group.size, model.dt, state.alive, state.action, seen.here, state.internal,
-            model.body.proportional, table.consumes, table.intake, control, wanted, total, source,
-        )  # fmt: skip
-    if eaters:
+    orders = Orders(np.zeros(control.shape), np.zeros(model.size), model.nobody.copy())
+    if order_meals(deeds, state.alive, seen.here, state.internal, model.body.proportional, model.dt, orders):
         if model.yields:
-            scale_meals(model, state, source, wanted, total, control, rng["yield"])
+            scale_meals(model, state, orders, control, rng["yield"])
+        wanted, total, source = orders
         part, eaten = share(total, source, np.where(state.available, state.stock, 0.0))
         serve(wanted, source, part, control, ingested)
         state.ingested = state.ingested + ingested
@@ -173,14 +178,13 @@ def eat(
     return ingested, eaten
 
 
-def scale_meals(
-    model: Model, state: State, source: Ints, wanted: Floats, total: Floats, control: Floats, rng: np.random.Generator
-) -> None:
-    """Scale what meals ask for, `wanted` (N, V) and its `total` (N,), and that part of u (N, V), by luck and by stock.
+def scale_meals(model: Model, state: State, orders: Orders, control: Floats, rng: np.random.Generator) -> None:
+    """Scale what meals ask for, and that part of u (N, V), by luck and by stock.
 
-    A meal succeeds with its chance; one that goes by the stock is multiplied by the share of the capacity that the
-    patch at `source` (N,) holds. Numbers are drawn for all slots, so that they do not depend on who eats.
+    A meal succeeds with its chance; one that goes by the stock is multiplied by the share of the capacity that its
+    patch holds. Numbers are drawn for all slots, so that they do not depend on who eats.
     """
+    wanted, total, source = orders
     capacity, drawn = model.resources.capacity, rng.random(model.size)
     full = np.divide(state.stock, capacity, out=np.ones(len(capacity)), where=(capacity > 0) & np.isfinite(capacity))
     for group, table in model.acting:
@@ -346,38 +350,26 @@ def relocate(table: ResourceTable, places: Floats, emptied: Bools, rng: np.rando
 
 @compiled
 def order_meals(
-    first: int,
-    n: int,
-    dt: float,
-    alive: Bools,
-    action: Ints,
-    here: Ints,
-    internal: Floats,
-    proportional: Bools,
-    acts_consumes: Ints,
-    acts_intake: Floats,
-    control: Floats,
-    wanted: Floats,
-    total: Floats,
-    source: Ints,
+    deeds: Deeds, alive: Bools, here: Ints, internal: Floats, proportional: Bools, dt: float, orders: Orders
 ) -> int:
-    """Write what n slots of one species, from `first` on, ask of a patch in a tick, and return how many do.
+    """Write the `orders` of bodies that consume in a tick, and return how many do.
 
-    `wanted` (N, V) and its `total` (N,) are in units of intake, `source` (N,) is the patch, -1 none; who is held to a
-    meal that is gone gets no `control` (N, V). A proportional need's control multiplies x, so it asks for u x dt.
+    The control of a body that is held to a meal that is gone is none. A proportional need's control multiplies x, so
+    it asks for u x dt.
     """
+    wanted, total, source = orders
     eaters = 0
-    for i in range(first, first + n):
-        kind = acts_consumes[action[i]]
+    for i in range(len(alive)):
+        kind = deeds.consumes[i]
         if kind < 0 or not alive[i]:
             continue
         if here[i, kind] < 0:
-            control[i] = 0.0
+            deeds.control[i] = 0.0
             continue
         eaters += 1
         source[i] = here[i, kind]
         for v in range(internal.shape[1]):
-            asked = acts_intake[action[i], v]
+            asked = deeds.intake[i, v]
             if proportional[i, v]:
                 asked *= internal[i, v]
             wanted[i, v] = max(asked, 0.0) * dt

@@ -214,6 +214,44 @@ class Scenario:
     def _check_species(self, species: Species) -> None:
         owner = f"species {species.name!r}"
         resources = [resource.name for resource in self.resources]
+        self._check_actions(owner, species)
+        for name in species.carries:
+            require(name in resources, f"{owner}: carries names the resource {name!r}. {nearest(name, resources)}")
+        for sense in species.senses:
+            if not isinstance(sense, str):
+                continue
+            if sense not in SENSES:
+                raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
+            SENSES[sense].check(owner, self.day)
+        for name in species.sees:
+            require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
+        for name in species.cues:
+            cues = [cue.name for cue in self.cues]
+            require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
+        heredity.check(species)
+        for need in species.needs:
+            leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
+            fastest = (
+                max([need.leak, *leaks])
+                + max(a.drain.get(need.name, 0.0) for a in species.actions)
+                - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
+            )
+            require(
+                fastest * self.dt <= 1,
+                f"{owner}: {need.name!r} falls by {fastest:g} of itself per unit of time, which a tick of {self.dt!r} "
+                f"cannot follow; dt must be at most {1 / max(fastest, 1e-300):g}.",
+            )
+        components = layout(species, self.arena, self.resources, self.species, self.fields).names
+        self._check_senses(owner, species, components)
+        twice = sorted({name for name in components if components.count(name) > 1})
+        require(
+            not twice,
+            f"{owner}: the components of zeta need names of their own, {twice} appear twice; rename the need, or "
+            "name every sense once.",
+        )
+
+    def _check_actions(self, owner: str, species: Species) -> None:
+        resources = [resource.name for resource in self.resources]
         unlimited = [resource.name for resource in self.resources if math.isinf(resource.stock)]
         faster = max([stage.speed for stage in species.stages], default=1.0)
         faster *= max([trait.bounds[1] for trait in species.traits if trait.of == "speed"], default=1.0)
@@ -247,20 +285,6 @@ class Scenario:
                 "because it raises no need that can lie below its set point; give such an intake, or leave the "
                 "stock unlimited.",
             )
-        for name in species.carries:
-            require(name in resources, f"{owner}: carries names the resource {name!r}. {nearest(name, resources)}")
-        for sense in species.senses:
-            if not isinstance(sense, str):
-                continue
-            if sense not in SENSES:
-                raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
-            SENSES[sense].check(owner, self.day)
-        for name in species.sees:
-            require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
-        for name in species.cues:
-            cues = [cue.name for cue in self.cues]
-            require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
-        for action in species.actions:
             require(
                 action.cue is None or action.cue in [cue.name for cue in self.cues],
                 f"{owner}: action {action.name!r} waits for the cue {action.cue!r}. "
@@ -271,27 +295,6 @@ class Scenario:
                 f"{owner}: action {action.name!r} goes by the share of its capacity that {action.resource!r} holds, "
                 "which has no end; give the resource a stock.",
             )
-        heredity.check(species)
-        for need in species.needs:
-            leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
-            fastest = (
-                max([need.leak, *leaks])
-                + max(a.drain.get(need.name, 0.0) for a in species.actions)
-                - min([0.0, *(a.control.get(need.name, 0.0) for a in species.actions)]) * need.proportional
-            )
-            require(
-                fastest * self.dt <= 1,
-                f"{owner}: {need.name!r} falls by {fastest:g} of itself per unit of time, which a tick of {self.dt!r} "
-                f"cannot follow; dt must be at most {1 / max(fastest, 1e-300):g}.",
-            )
-        components = layout(species, self.arena, self.resources, self.species, self.fields).names
-        self._check_senses(owner, species, components)
-        twice = sorted({name for name in components if components.count(name) > 1})
-        require(
-            not twice,
-            f"{owner}: the components of zeta need names of their own, {twice} appear twice; rename the need, or "
-            "name every sense once.",
-        )
 
     def _check_needs_named(self, species: Species) -> None:
         """Check every mention of a need: that the species meant has it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,17 @@ Bools = NDArray[np.bool_]
 
 # of death: a lethal need, a bite that kills, by chance, the scenario's rule, a bite that takes a lethal need too low
 CAUSES = ("alive", "need", "eaten", "hazard", "rule", "bitten")
+
+
+class Bodies(NamedTuple):
+    """What compiled loops read of bodies, and write: arrays of a state, no copies; N slots."""
+
+    alive: Bools  # (N,)
+    position: Floats  # (N, 2)
+    heading: Floats  # (N,)
+    action: Ints  # (N,)
+    hold: Floats  # (N,)
+    bound_for: Ints  # (N,)
 
 
 @dataclass
@@ -98,6 +109,10 @@ class State:
         values = self.__dict__
         for name in names:
             values[name] = values[name].copy()
+
+    def bodies(self) -> Bodies:
+        """Return the arrays that loops over bodies need, as they are now."""
+        return Bodies(self.alive, self.position, self.heading, self.action, self.hold, self.bound_for)
 
     def readonly(self) -> State:
         """Return a view of this state that refuses to be written, its arrays and its fields."""

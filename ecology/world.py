@@ -128,7 +128,7 @@ class ArrayWorld:
         state.position, put_back = self._physics.move(state.position, way, model.dt, state.alive)
         state.returned += put_back
         # resources: bodies that eat from one stock share it
-        ingested, eaten = resources.eat(model, state, seen, deeds.control, rng)
+        ingested, eaten = resources.eat(model, state, seen, deeds, rng)
         hauling.haul(model, state, seen, eaten)
         # meetings: bites, gifts, crowding, the scenario's own rule
         met = meetings.meet(model, state, seen, deeds.control, rng)

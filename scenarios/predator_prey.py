@@ -37,6 +37,7 @@ from ecology import (
 
 WALK = 0.12  # speed of prey and of predators, length per unit of time
 TURN = math.pi / 2  # radians per unit of time
+TURNS = (turn("turn_left", TURN), turn("turn_right", -TURN))
 SIGHT, HUNT_SIGHT = 3.0, 2.0  # how far prey and predators see, length
 DISTURBED = 3.0  # distance within which predators disturb each other, length
 HEALING = 0.002  # share of a wound that heals per unit of time
@@ -80,7 +81,6 @@ def build(
     grass = Resource(name="grass", count=patches, radius=0.4, stock=1.0, capacity=2.0, growth=Growth(rate=regrowth))
     energy = Need(name="energy", set_point=1.0, start=0.7, decay=prey_decay, bounds=(0.0, math.inf), lethal=True)
     health = Need(name="health", set_point=1.0, decay=-HEALING, leak=HEALING, bounds=(0.0, math.inf), lethal=True)
-    turns = (turn("turn_left", TURN), turn("turn_right", -TURN))
     hunted = Species(
         name="prey",
         needs=(energy, health),
@@ -88,7 +88,7 @@ def build(
             consume("grass", {"energy": 0.05}, closes_at={"energy": 1.2}),
             go_to("grass", WALK),
             move("walk", WALK),
-            *turns,
+            *TURNS,
             rest(),
         ),
         count=prey,
@@ -116,7 +116,7 @@ def build(
         hunted,
         name="predator",
         needs=(replace(energy, start=0.5, decay=predator_decay),),
-        actions=(attack, move("walk", WALK), *turns, rest()),
+        actions=(attack, move("walk", WALK), *TURNS, rest()),
         count=predators,
         capacity=3 * predators,
         birth=Birth(rate=predator_birth, threshold={"energy": 0.9}, cost={"energy": 0.5}, maturity=200.0),

@@ -21,6 +21,7 @@ import pytest
 from ecology import Arena, Ecology, Need, Resource, Scenario, Species, Tick, consume, contract, go_to, move, rest, turn
 
 PATIENCE = 300.0  # seconds that a test waits for another process; only a failing test waits that long
+Command = Callable[..., tuple[int, str, str]]  # words -> exit code, stdout, stderr
 LUCK = 1_000_003  # mixed in with the number that `--luck` gives, so that no seed becomes another one in use
 
 
@@ -133,3 +134,35 @@ def act(index: Callable[..., int]) -> Callable[..., Tick]:
 def random_actions() -> Callable[..., np.ndarray]:
     """Return a chooser of one action per slot, open in its mask, or any (`open_only` False)."""
     return contract.choose
+
+
+@pytest.fixture
+def ecology(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Return the command line in an empty folder."""
+    from ecology.lab.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def type_(*words: str) -> tuple[int, str, str]:
+        code = 0
+        try:
+            main(words)
+        except SystemExit as left:
+            code = int(left.code or 0)
+        return code, *capsys.readouterr()
+
+    return type_
+
+
+@pytest.fixture
+def short(ecology: Command) -> Command:
+    """Return a short run with a learner that needs no time, and more words."""
+    return lambda *words: ecology("run", "--ticks", "30", "--learner", "random", "--no-record", *words)
+
+
+@pytest.fixture
+def crowd(tmp_path: Path) -> Callable[..., Any]:
+    """Return a maker of runs of a crowd that touches all the time, not yet begun."""
+    from runs import make_crowd
+
+    return lambda folder, ticks, **words: make_crowd(tmp_path, folder, ticks, **words)

@@ -14,10 +14,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
+from numba import types
 from numba.core.dispatcher import Dispatcher
 
-from ecology import EcologyError, compiler_cache
+import ecology
+from ecology import EcologyError, actions, compiler_cache, scenarios
 
 ROOT = Path(__file__).parent.parent
 CODE = """
@@ -170,11 +173,25 @@ def test_a_file_names_all_files_that_it_inlines() -> None:
             continue
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         module = importlib.import_module(name)
-        own = [v for v in vars(module).values() if isinstance(v, Dispatcher) and v.py_func.__module__ == name]
+        loops = [getattr(value, "dispatcher", value) for value in vars(module).values()]
+        own = [each for each in loops if isinstance(each, Dispatcher) and each.py_func.__module__ == name]
         inlined = set().union(*map(files_inlined, own)) - {str(path)}
         assert files_named(module) == inlined, name
         compiled += len(own)
     assert compiled > 25
+
+
+def test_a_loop_is_given_records_field_by_field() -> None:
+    """A loop that takes records sees them as Python does, and Numba is called with arrays and numbers alone."""
+    env = ecology.Ecology(scenarios.load("predator_prey"))
+    env.reset_arrays(0)
+    model, state, seen = env.world.model, env.world.state, env.world.perception
+    for group, table in model.acting:
+        mine = seen.targets[group.name], table.conditions
+        given = (group.slots.start, state.bodies(), state.internal, seen.here, seen.toward, *mine)
+        assert np.array_equal(actions.open_masks(*given), actions.open_masks.__wrapped__(*given))
+    (signature,) = actions.open_masks.dispatcher.signatures
+    assert not [each for each in signature if isinstance(each, types.BaseTuple)]
 
 
 LEAF, ROOT_KERNEL = "leaf.py", "root.py"

@@ -17,6 +17,7 @@ from ecology import EcologyError
 from ecology.lab.runs.run import Run
 from ecology.observers import control as controls
 from ecology.observers.control import Control
+from ecology.observers.page import Shown
 
 
 @pytest.fixture
@@ -119,14 +120,16 @@ def test_a_fast_run_may_be_further_ahead(clock):
 
 def test_a_controlled_run_has_the_same_life(world, tmp_path):  # noqa: F811
     """Paused, stepped, paced and watched, with its extra pictures, it is bit for bit what it is alone."""
-    from ecology.observers.rerun import RerunObserver
+    from ecology.observers.rerun import Recorded, RerunObserver, Viewers
 
     alone = Run(plan(world), tmp_path / "alone")
     alone.start()
     alone.live()
     run = Run(plan(world), tmp_path / "run")
     run.control = control = Control(paused=True)
-    observer = RerunObserver(tmp_path / "life.rrd", every=10, serve=("127.0.0.1", 0), control=control)
+    observer = RerunObserver(
+        tmp_path / "life.rrd", every=10, viewers=Viewers(("127.0.0.1", 0)), run=Recorded(control=control)
+    )
     run.start()
 
     def play():
@@ -146,7 +149,7 @@ def test_a_controlled_run_has_the_same_life(world, tmp_path):  # noqa: F811
     assert ticks[:3] == [0, 1, 2]
     assert ticks[3] > 2
     same(end_of(alone), end_of(run))
-    from test_observers import column
+    from observed import column
 
     drawn = set(column(tmp_path / "life.rrd", "/world/agents/prey", "serial")[0].tolist())
     assert {0, 1, 2, 10, 20, 30, 40} <= drawn
@@ -268,7 +271,9 @@ def test_a_page_looks_back_when_its_run_is_over(served, tmp_path):  # noqa: F811
     it = served(clicks.append, desk=desk)
     assert b'"live": true' in ask(it, "GET", "/").body
     (tmp_path / "recording.rrd").write_bytes(b"RRF2")
-    it.look_back(tmp_path / "recording.rrd", lambda click: b"RRF2 layer", lambda who: b"RRF2 name", desk)
+    recording = tmp_path / "recording.rrd"
+    files = {recording.name: recording}
+    it.look_back(Shown([recording.name], lambda click: b"RRF2 layer", files, named=lambda who: b"RRF2 name"), desk)
     page = ask(it, "GET", "/").body
     assert b'"live": false' in page
     assert b'"sources": ["recording.rrd"]' in page

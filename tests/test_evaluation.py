@@ -16,6 +16,8 @@ from ecology.agents.base import Learner
 from ecology.agents.baselines import Random, Rest
 from ecology.agents.evaluation import (
     ABOUT,
+    Extent,
+    Trained,
     closed_gap,
     compare_deviation,
     discounted,
@@ -349,7 +351,7 @@ def test_evaluation_is_whole_plain_and_drawn(world, monkeypatch, tmp_path):
     mind = Known(group, J=lambda zeta: 1.0 + zeta[:, 6] / 10, f=still)
     heard = []
     lived = evaluation.Lived(np.repeat([1e6, 0.0], [750, 1250]), span=4)
-    found = evaluate(scenario, mind, 0, ticks=400, skip=100, places=1, lived=lived, tell=heard.append)
+    found = evaluate(scenario, mind, Extent(ticks=400, skip=100, places=1), Trained(lived=lived), tell=heard.append)
     assert set(ABOUT) <= set(found.report)
     added = {"learned", "learned_epsilon_0", "planner_exploring"}
     assert set(found.report["mean_drive"]) == {*added, *evaluation.BASELINES}
@@ -370,4 +372,4 @@ def test_evaluation_is_whole_plain_and_drawn(world, monkeypatch, tmp_path):
 def test_an_evaluation_needs_ticks_beyond_those_it_skips(world):
     """Skipping all ticks is one clear error."""
     with pytest.raises(EcologyError, match="more ticks than it skips"):
-        evaluate(world[0], Random(world[1], SEED), ticks=500, skip=500)
+        evaluate(world[0], Random(world[1], SEED), Extent(ticks=500, skip=500))

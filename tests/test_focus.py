@@ -13,7 +13,7 @@ import warnings
 import numpy as np
 import pytest
 from conftest import PATIENCE
-from test_observers import TICKS, Wanderer, Witness, choice, column, live, many, one, rerun_observer, told, village
+from observed import TICKS, Wanderer, Witness, choice, column, live, many, one, rerun_observer, told, village
 
 from ecology import Ecology, EcologyError
 from ecology.observers import census, page, viewer, wishes
@@ -61,7 +61,7 @@ def served(tmp_path, monkeypatch):
     made = []
 
     def make(hear, **words):
-        made.append(page.Page(["rerun+http://127.0.0.1:9876/proxy"], hear, port=0, **words))
+        made.append(page.Page(page.Shown(["rerun+http://127.0.0.1:9876/proxy"], hear, **words), port=0))
         return made[-1]
 
     yield make

@@ -218,7 +218,7 @@ def world(tmp_path):
     file = tmp_path / "hamlet.py"
     file.write_text(
         f"import sys\nsys.path.insert(0, {str(tests)!r})\n\n\ndef build(ticks: int = {TICKS}):\n"
-        '    """A village."""\n    import dataclasses\n\n    from test_observers import village\n\n'
+        '    """A village."""\n    import dataclasses\n\n    from observed import village\n\n'
         "    return dataclasses.replace(village(1e9), ticks=ticks, measures={})\n"
     )
     return file
@@ -302,9 +302,9 @@ def test_a_run_that_stopped_resumes_among_its_interventions(lived, world, tmp_pa
 
 def test_a_fork_has_the_past_of_its_run(lived, tmp_path):
     """The world at a tick is reached with all that was done before, and the log of the fork replays whole."""
-    from ecology.lab.runs.fork import fork
+    from ecology.lab.runs.fork import Change, fork
 
-    forked = fork(open_run(tmp_path / "first"), 14, tmp_path / "fork", changes={})
+    forked = fork(open_run(tmp_path / "first"), 14, tmp_path / "fork", Change())
     assert forked.now == 14
     assert "prey_8" not in forked.env.agents
     assert forked.frozen == {"prey"}
@@ -438,7 +438,7 @@ def test_a_schedule_that_does_not_fit_stops_the_run(world, tmp_path):
 
 def test_interventions_are_recorded(world, tmp_path):
     """Each is an event of the recording at its tick, and in the metrics at the next sample."""
-    from test_observers import column
+    from observed import column
 
     from ecology.observers.recorder import Recorder, read
     from ecology.observers.rerun import RerunObserver

@@ -1,19 +1,17 @@
 """Stocks are shared, grow, come, go and move as they say, and every quantity is accounted for."""
 
-import dataclasses
 import itertools
 import json
 import math
 
 import numpy as np
 import pytest
-import shapely
 from pettingzoo.test import parallel_api_test
 from scipy import integrate
+from stocks import FOOD, HOOK, SQUARE, berries, crowd, eat, idle, world
 
 import ecology
 from ecology import (
-    Arena,
     Drift,
     EcologyError,
     Growth,
@@ -26,49 +24,11 @@ from ecology import (
     Species,
     agents,
     consume,
-    go_to,
-    move,
     resources,
     rest,
     scenarios,
-    turn,
 )
 from ecology.agents import loop
-from ecology.ground import ground_of
-
-SIDE = 4.0
-SQUARE = Arena(vertices=((0, 0), (SIDE, 0), (SIDE, SIDE), (0, SIDE)))
-HOOK = Arena(vertices=((0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)))
-FOOD = Need(name="food", set_point=2.0, start=1.0)
-CORNERS = np.array(SQUARE.vertices, float)
-
-
-def berries(**words):
-    """Return a resource in the middle that reaches all of the room, but for `words`."""
-    return Resource(**{"name": "berries", "position": (2.0, 2.0), "radius": 3.0, **words})
-
-
-def world(*resources, arena=SQUARE, dt=1.0, needs=(FOOD,), intake=None, count=1, more=(), **words):
-    """Return the world of one species that eats `intake` of the first resource."""
-    first = resources[0].name
-    acts = (rest(), consume(first, intake or {"food": 0.1}), go_to(first, 0.1), *more)
-    species = Species(**{"name": "agent", "needs": needs, "actions": acts, "count": count, **words})
-    return ecology.parallel_env(Scenario(name="room", arena=arena, resources=resources, species=(species,), dt=dt))
-
-
-def eat(env, ticks=1):
-    """Make everyone consume for some ticks and return the last tick."""
-    for _ in range(ticks):
-        tick = env.step_arrays(np.ones(env.size, np.int64))
-    return tick
-
-
-def idle(env, ticks=1):
-    """Make everyone rest for some ticks and return the last tick."""
-    for _ in range(ticks):
-        tick = env.step_arrays(np.zeros(env.size, np.int64))
-    return tick
-
 
 # ---- sharing -----------------------------------------------------------------------------
 
@@ -330,254 +290,6 @@ def test_certain_and_impossible_availability():
     assert not presence(0.0, 1.0, 50).any()
 
 
-# ---- moving ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("dt", [50.0, 12.5])
-def test_an_oscillation_is_a_triangle_wave(dt):
-    """From 0.5 to 1.5 in a period of 1000: 0.5, 0.75, 1.0, 1.25, 1.5 and back, whatever the tick."""
-    env = world(berries(position=(0.5, 3.0), motion=Oscillation(to=(1.5, 3.0), period=1000.0)), dt=dt)
-    env.reset_arrays(seed=0)
-    wave = {0: 0.5, 150: 0.8, 250: 1.0, 400: 1.3, 500: 1.5, 600: 1.3, 750: 1.0, 1000: 0.5, 1250: 1.0}
-    for k in range(int(1250 / dt) + 1):
-        if k:
-            idle(env)
-        if k * dt in wave:
-            assert env.state_view.resource_position[0] == pytest.approx([wave.pop(k * dt), 3.0], abs=1e-12)
-    assert not wave
-
-
-def test_the_phase_of_an_oscillation():
-    """Phase pi starts at the other end, pi / 2 half way there."""
-    for phase, x in ((math.pi, 3.0), (math.pi / 2, 2.0), (-math.pi / 2, 2.0)):
-        env = world(berries(position=(1.0, 1.0), motion=Oscillation(to=(3.0, 3.0), period=10.0, phase=phase)))
-        env.reset_arrays(seed=0)
-        assert env.state_view.resource_position[0] == pytest.approx([x, x])
-
-
-def test_reach_follows_a_moving_resource():
-    """Consume opens when the resource comes to the agent and closes when it has left."""
-    motion = Oscillation(to=(3.5, 2.0), period=20.0)
-    env = world(Resource(name="berries", position=(0.5, 2.0), motion=motion), position=(2.0, 3.0 - 0.75))
-    tick = env.reset_arrays(seed=0)
-    opened = [bool(tick.masks["agent"][0, 1])]
-    opened += [bool(idle(env).masks["agent"][0, 1]) for _ in range(20)]
-    assert [t for t, there in enumerate(opened) if there] == [5, 15]
-
-
-def test_a_walk_mirrored_at_walls_worked_by_hand():
-    """A step into a wall ends at its mirror image; into a corner, mirrored twice; in the free, as it is."""
-    for start, step, end in (
-        ((3.0, 2.0), (2.0, 1.0), (3.0, 3.0)),
-        ((3.0, 3.0), (2.0, 1.5), (3.0, 3.5)),
-        ((1.0, 1.0), (0.5, 0.25), (1.5, 1.25)),
-        ((1.0, 2.0), (-8.0, 0.0), (1.0, 2.0)),  # to the left wall, the right one, and back
-    ):
-        assert ground_of(SQUARE).reflect(np.array(start), np.array(step)) == pytest.approx(end)
-
-
-@pytest.mark.parametrize("arena", [SQUARE, HOOK])
-def test_a_drift_stays_inside_and_gets_everywhere(arena):
-    """However wide the steps, the circle's centre stays in the arena, and in the end is equally likely anywhere."""
-    ground, rng = ground_of(arena), np.random.default_rng(2)
-    place, path = np.array([0.5, 0.5]), []
-    for _ in range(8000):
-        place = ground.reflect(place, 0.6 * rng.standard_normal(2))
-        path.append(place)
-    polygon = shapely.Polygon(arena.vertices)
-    assert polygon.contains(shapely.points(path)).all()
-    share = shapely.box(0, 0, 2, 2).intersection(polygon).area / polygon.area
-    assert shapely.box(0, 0, 2, 2).covers(shapely.points(path)).mean() == pytest.approx(share, abs=0.08)
-
-
-@pytest.mark.parametrize("dt", [1.0, 0.25])
-def test_a_drift_spreads_with_the_root_of_time(dt):
-    """Far from walls the variance along each axis is spread^2 t, whatever the tick."""
-    many = tuple(Resource(name=f"r{i}", position=(2.0, 2.0), motion=Drift(spread=0.05)) for i in range(400))
-    env = world(*many, dt=dt)
-    env.reset_arrays(seed=1)
-    idle(env, int(16 / dt))
-    moved = env.state_view.resource_position - 2.0
-    assert moved.var(axis=0) == pytest.approx([0.05**2 * 16] * 2, rel=4 * math.sqrt(2 / 400))
-
-
-def test_relocation_inside_the_arena_with_a_new_stock():
-    """A stock that is eaten up reappears elsewhere, its circle inside the arena, as it was at the start."""
-    env = world(
-        Resource(name="berries", radius=0.4, stock=0.2, capacity=1.0, motion=Relocation()),
-        arena=HOOK,
-        senses=(),
-        view_angle=1.0,
-    )
-    env.reset_arrays(seed=3)
-    room = shapely.Polygon(HOOK.vertices).buffer(-0.4, join_style="mitre").buffer(1e-9)
-    places = [env.state_view.resource_position[0].copy()]
-    for _ in range(40):
-        env.put(position=env.state_view.resource_position)
-        eat(env)
-        assert env.state_view.stock == pytest.approx([0.1])
-        assert np.array_equal(env.state_view.resource_position[0], places[-1])
-        eat(env)
-        assert env.state_view.stock == pytest.approx([0.2])
-        places.append(env.state_view.resource_position[0].copy())
-    assert room.covers(shapely.points(places)).all()
-    assert len(np.unique(places, axis=0)) == 41
-    assert env.state_view.grown == pytest.approx([8.0])
-
-
-def test_who_was_on_the_way_does_not_know_where_it_went():
-    """A go_to under way to a resource that has relocated is open only if the new place is seen."""
-    env = world(
-        berries(radius=0.3, stock=0.1, motion=Relocation()),
-        count=2,
-        view_range=1.5,
-        view_angle=2 * math.pi,
-        radius=0.05,
-    )
-    lost = 0
-    for seed in range(12):
-        env.reset_arrays(seed=seed)
-        env.put(position=[[2.0, 2.0], [2.0, 3.0]])
-        env.step_arrays(np.array([1, 2]))
-        state = env.state_view
-        assert state.bound_for[1] == -1
-        gap = np.hypot(*(state.resource_position[0] - state.position[1]))
-        walks_on = bool(env.put().masks["agent"][1, 2])
-        assert walks_on == (0.3 < gap <= 1.5)
-        lost += not walks_on
-    assert 0 < lost < 12
-
-
-def test_scattered_resources_are_placed_anew_by_every_seed():
-    """A resource without a position lies anywhere that its circle fits, the same for the same seed."""
-    env = world(*(Resource(name=f"r{i}", radius=0.3) for i in range(30)), arena=HOOK)
-    places = []
-    for seed in (1, 2, 1):
-        env.reset_arrays(seed=seed)
-        places.append(env.state_view.resource_position.copy())
-    assert np.array_equal(places[0], places[2])
-    assert not np.isclose(places[0], places[1]).any()
-    room = shapely.Polygon(HOOK.vertices).buffer(-0.3 + 1e-9, join_style="mitre")
-    assert room.covers(shapely.points(places[0])).all()
-
-
-# ---- the account -------------------------------------------------------------------------
-
-
-def crowd(dt=1.0):
-    """Return a crowded room in which everything happens: 30 hungry agents, 4 kinds of stock, deaths."""
-    needs = (
-        Need(name="food", set_point=2.0, start=1.0, decay=0.05, bounds=(0.0, 4.0), lethal=True),
-        Need(name="water", set_point=1.0, leak=0.02, proportional=True, bounds=(0.1, 1.5)),
-        Need(name="fatigue", set_point=0.0, decay=-0.01, noise=0.05, bounds=(0.0, 3.0)),
-    )
-    stocks = (
-        Resource(name="pool", position=(1.0, 1.0), radius=1.0, stock=9.0, growth=Growth(kind="logistic", rate=0.1)),
-        Resource(name="grass", radius=1.0, stock=1.0, growth=Growth(rate=0.2), motion=Drift(spread=0.1)),
-        Resource(name="prey", radius=1.0, stock=0.7, motion=Relocation(), availability=0.7),
-        Resource(name="spring", position=(1.0, 3.0), radius=1.0, motion=Oscillation(to=(3.0, 3.0), period=40.0)),
-        Resource(
-            name="moss",
-            position=(3.0, 1.0),
-            radius=1.0,
-            stock=0.0,
-            capacity=5.0,
-            growth=Growth(rate=0.5, season=Season(amplitude=1.0, period=25.0)),
-        ),
-    )
-    actions = (
-        rest(),
-        move("walk", 0.2, control={"fatigue": 0.02}),
-        turn("turn", 1.0),
-        *(
-            consume(r.name, {"food": 0.15, "water": 0.1 * i, "fatigue": 0.01}, closes_at={"food": 3.5})
-            for i, r in enumerate(stocks)
-        ),
-        *(go_to(r.name, 0.2) for r in stocks),
-    )
-    species = Species(name="agent", needs=needs, actions=actions, count=30, radius=0.05)
-    return ecology.parallel_env(Scenario(name="crowd", arena=SQUARE, resources=stocks, species=(species,), dt=dt))
-
-
-def hungry(env, tick, rng):
-    """Return actions of agents that eat where they can, or else do anything, now and then what is closed."""
-    eats = np.array(env.groups["agent"].kinds) == "consume"
-    mask = tick.masks["agent"] | (rng.random() < 0.1)
-    return np.argmax(rng.random(mask.shape) * mask * np.where(eats, 3.0, 1.0), axis=1)
-
-
-@pytest.mark.parametrize("dt", [1.0, 0.4])
-def test_every_quantity_is_accounted_for_in_every_tick(dt):
-    """In a hungry crowd: stored = in - out for every stock and every body, and what leaves stocks enters bodies."""
-    env, rng = crowd(dt), np.random.default_rng(1)
-    tick = env.reset_arrays(seed=5)
-    start, short = env.state_view.copy(), np.zeros(5, int)
-    before = start
-    finite = np.isfinite(start.stock)
-    for _ in range(300):
-        tick = env.step_arrays(hungry(env, tick, rng))
-        now = env.state_view.copy()
-        assert (now.stock >= 0).all()
-        assert (now.stock[finite] <= [9.0, 1.0, 0.7, 5.0]).all()
-        for old in (start, before):  # since the start, and in this tick alone
-            stored = now.stock[finite] - old.stock[finite]
-            grown, eaten = now.grown - old.grown, now.eaten - old.eaten
-            assert np.abs(stored - (grown - eaten)[finite]).max() < 1e-9
-            assert np.abs(grown - eaten)[~finite].max() < 1e-9
-            came, went = now.ingested - old.ingested, now.metabolised - old.metabolised + now.lost - old.lost
-            assert np.abs(now.internal - old.internal - came + went).max() < 1e-9
-            assert abs(came.sum() - eaten.sum()) < 1e-9
-        assert (now.eaten >= before.eaten).all()
-        assert (now.ingested >= before.ingested).all()
-        assert (now.ingested[:, 2] == 0).all(), "a fatigue is not fed"
-        went = (now.metabolised - before.metabolised)[before.alive, :2]
-        own = np.stack([np.full(len(went), 0.05), 0.02 * before.internal[before.alive, 1]], axis=1)
-        assert np.abs(went - own * dt).max(initial=0.0) < 1e-9, "food and water go by self-regulation alone"
-        for field in ("ingested", "metabolised", "lost"):
-            dead = ~before.alive
-            assert np.array_equal(getattr(now, field)[dead], getattr(before, field)[dead])
-        short += np.isclose(before.stock, now.eaten - before.eaten) & (now.eaten > before.eaten)
-        before = now
-    assert (short[finite] > 0).all(), "every finite stock was eaten up at times"
-    assert (now.eaten > 1).all()
-    assert 0 < now.alive.sum() < 30
-
-
-def test_the_account_worked_by_hand():
-    """Resting metabolises the decay; eating at the upper bound is lost; a floor gives what it holds up."""
-    needs = (
-        Need(name="food", set_point=2.0, start=1.9, decay=0.03, bounds=(0.0, 2.0)),
-        Need(name="warmth", set_point=1.0, start=0.55, decay=0.1, floor=0.5),
-    )
-    env = world(berries(stock=1.0), needs=needs)
-    env.reset_arrays(seed=0)
-    idle(env)
-    state = env.state_view
-    assert state.metabolised[0] == pytest.approx([0.03, 0.1])
-    assert state.lost[0] == pytest.approx([0.0, -0.05])
-    eat(env, 2)  # 1.87, 1.94, 2.01 held at 2
-    state = env.state_view
-    assert state.ingested[0] == pytest.approx([0.2, 0.0])
-    assert state.metabolised[0] == pytest.approx([0.09, 0.3])
-    assert state.lost[0] == pytest.approx([0.01, -0.25])
-    assert state.eaten == pytest.approx([0.2])
-    assert state.stock == pytest.approx([0.8])
-
-
-def test_an_unlimited_resource_is_accounted_for_too():
-    """In the paper's world what is eaten of an unlimited resource is booked, and its stock stays infinite."""
-    env = ecology.parallel_env(scenarios.load("paper"))
-    env.reset_arrays(seed=0)
-    env.put(position=env.state_view.resource_position[:1])
-    act = env.groups["agent"].actions.index("consume_food_1")
-    for _ in range(5):
-        env.step_arrays(np.array([act]))
-    state = env.state_view
-    assert state.eaten.tolist() == state.grown.tolist() == pytest.approx([0.5, 0, 0, 0])
-    assert state.ingested[0] == pytest.approx([0.5, 0, 0, 0, 0, 0])
-    assert np.isinf(state.stock).all()
-
-
 # ---- the world around ----------------------------------------------------------------------
 
 
@@ -735,64 +447,3 @@ def test_the_default_is_what_it_was():
         {"position": None},
     ):
         assert not Resource(**{"name": "berries", "position": (1.0, 1.0), **word}).constant
-
-
-# ---- food that bodies can reach ----------------------------------------------------------------
-
-
-def large(*foods, radius=0.8, arena=SQUARE, **words):
-    """Return a room of `foods` and of one body of `radius` that eats them all."""
-    eats = (consume(food.name, {"food": 0.1}) for food in foods)
-    body = Species(name="agent", needs=(FOOD,), actions=(rest(), *eats), radius=radius, **words)
-    return Scenario(name="large", arena=arena, resources=foods, species=(body,))
-
-
-def reached(scenario, places):
-    """Return in which circles at `places` (n, 2) the centre of the first species' body can lie, (n,)."""
-    free = shapely.Polygon(scenario.arena.vertices).buffer(-scenario.species[0].radius)
-    return free.distance(shapely.points(places)) <= scenario.resources[0].radius + 1e-9
-
-
-@pytest.mark.parametrize("arena", [SQUARE, Arena(vertices=((0, 0), (6, 0), (6, 1.7), (3, 1.7), (3, 4), (0, 4)))])
-def test_food_is_scattered_where_a_large_body_can_eat_it(arena):
-    """None of sixty small patches lies where a large body cannot reach it, at the start and after a relocation."""
-    food = Resource(name="food", count=60, radius=0.3, stock=1.0, motion=Relocation())
-    scenario = large(food, arena=arena)
-    env = ecology.parallel_env(scenario)
-    env.reset_arrays(seed=0)
-    assert reached(scenario, env.state_view.resource_position).all()
-    table = resources.compile_resources(scenario.resources, arena, scenario.species)
-    before = env.state_view.resource_position
-    places, gone = resources.relocate(table, before, np.ones(60, bool), np.random.default_rng(1))
-    assert gone.all()
-    assert (places != before).any(axis=1).all()
-    assert reached(scenario, places).all()
-    alone = resources.compile_resources(scenario.resources, arena)  # which nobody eats
-    assert not reached(scenario, resources.first_places(alone, np.random.default_rng(1))).all()
-
-
-@pytest.mark.parametrize(
-    ("food", "good"),
-    [
-        (Resource(name="food", position=(0.3, 2.0), radius=0.3), False),
-        (Resource(name="food", position=(0.55, 2.0), radius=0.3), True),
-        (Resource(name="food", position=(0.55, 0.55), radius=0.3), False),  # the corner is farther than the wall
-        (Resource(name="food", position=(0.3, 2.0), radius=0.3, motion=Oscillation(to=(2.0, 2.0), period=9.0)), True),
-        (Resource(name="food", position=(0.3, 1.0), radius=0.3, motion=Oscillation(to=(0.3, 2.0), period=9.0)), False),
-        (Resource(name="food", position=(0.3, 2.0), radius=0.3, motion=Drift(spread=0.1)), True),
-        (Resource(name="food", position=(0.3, 2.0), radius=0.3, stock=1.0, motion=Relocation()), False),
-    ],
-)
-def test_food_that_no_body_can_reach_is_refused(food, good):
-    """A patch that its eaters never come into is refused with its place and the body; one of many eaters is enough."""
-    if good:
-        large(food)
-    else:
-        with pytest.raises(EcologyError, match=r"'food': at \(0.*too near to a wall .* of 'agent', has the radius 0.8"):
-            large(food)
-    small = Species(name="small", needs=(FOOD,), actions=(rest(), consume("food", {"food": 0.1})), radius=0.1)
-    onlooker = dataclasses.replace(small, name="onlooker", actions=(rest(),), radius=0.9)
-    for species in ((*large(dataclasses.replace(food, position=(2.0, 2.0), motion=None)).species, small), (onlooker,)):
-        Scenario(name="shared", arena=SQUARE, resources=(food,), species=species)
-    torus = dataclasses.replace(SQUARE, walls=False)
-    large(food, arena=torus)

@@ -94,12 +94,12 @@ import resource, socket, sys, time
 from pathlib import Path
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
-from ecology.observers.rerun import RerunObserver
+from ecology.observers.rerun import RerunObserver, Viewers
 
 resource.setrlimit(resource.RLIMIT_NOFILE, (128, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
 run = Run(resolve("predator_prey", learners=["random"], ticks=60, record=False), Path({str(tmp_path / "served")!r}))
 run.start()
-observer = RerunObserver(every=1, serve=("127.0.0.1", 0))
+observer = RerunObserver(every=1, viewers=Viewers(("127.0.0.1", 0)))
 
 class Slow:
     def begin(self, env, minds):

@@ -207,7 +207,7 @@ def test_ways_that_stay_are_those_that_shapely_covers():
         expected = room.covers(shapely.linestrings(np.stack([start_, end], axis=1)))
         assert np.array_equal(ground_of(arena).stays(start_, end), expected)
         assert 0.1 < expected.mean() < 0.9
-        corners = ground_of(arena).end
+        corners = ground_of(arena).walls.end
         assert not ground_of(arena).stays(np.repeat(start_[:1], len(corners), axis=0), corners).any()
 
 

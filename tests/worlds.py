@@ -304,3 +304,14 @@ def assert_refused(build: Callable[[], object], words: Sequence[str]) -> None:
 def from_python(kernel: Any) -> Callable[..., Any]:
     """Return a function that calls a kernel which otherwise only other kernels call."""
     return numba.njit(lambda *args: kernel(*args))
+
+
+# a file whose settings may be None
+OPTIONAL = """
+from ecology import Arena, Need, Scenario, Species, rest
+
+def build(n=None, heading=False, decay=0.01):
+    agent = Species(name="agent", needs=(Need(name="food", set_point=2.0, decay=decay),), actions=(rest(),))
+    assert n is None or n == 3, n
+    return Scenario(name="world", arena=Arena(vertices=((0, 0), (4, 0), (4, 4), (0, 4))), species=(agent,))
+"""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,11 @@ class Plane:
     low: Floats  # (2,)
     size: Floats  # (2,)
     torus: bool
+
+    @cached_property
+    def period(self) -> Floats:
+        """Return the length after which the plane begins again along each axis, (2,); 0 with walls."""
+        return self.size * self.torus
 
     @property
     def diagonal(self) -> float:
@@ -64,7 +70,7 @@ def wrapped(angle: float) -> float:
 
 
 @within
-def way_along(a: float, b: float, size: float, torus: bool) -> float:
-    """Return the shortest way from a to b along one axis of the plane."""
+def way_along(a: float, b: float, period: float) -> float:
+    """Return the shortest way from a to b along one axis of a plane that begins again after `period`, 0: never."""
     d = b - a
-    return d - size * np.round(d / size) if torus else d
+    return d - period * np.round(d / period) if period > 0.0 else d

@@ -11,7 +11,7 @@ from ecology import elementary
 from ecology.ground.outline import polygon_of, rings_of
 from ecology.ground.plane import Plane, plane_of
 from ecology.ground.scatter import scatter_in
-from ecology.ground.walls import clear_lines, inside_rings, stay_inside
+from ecology.ground.walls import Walls, clear_lines, inside_rings, stay_inside, walls_of
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
 
@@ -20,14 +20,12 @@ MIRRORS = 8  # reflections in one step, after which a point stays where it was
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The shape of an arena: W walls, each from its start to its end, with the arena on its left."""
+    """The shape of an arena of W walls."""
 
     plane: Plane
     polygon: Any  # shapely: the arena, holes and inner walls cut out
     rings: tuple[Floats, ...]  # (k, 2) corners in order, the outer ring first; the sides of an inner wall are a ring
-    start: Floats  # (W, 2)
-    end: Floats  # (W, 2)
-    along: Floats  # (W, 2) from start to end
+    walls: Walls
     open: bool  # whether no wall can come between two points
 
     @property
@@ -39,23 +37,24 @@ class Ground:
         """Return which points (n, 2) lie in the arena, (n,); all of them on a torus."""
         if self.torus:
             return np.ones(len(points), bool)
-        return inside_rings(self.start, self.end, np.asarray(points, float))
+        return inside_rings(self.walls, np.asarray(points, float))
 
     def stays(self, here: Floats, there: Floats) -> Bools:
         """Return which straight ways from here to there (n, 2), which begin in the arena, stay in it, (n,)."""
-        return stay_inside(self.start, self.end, here, there)
+        return stay_inside(self.walls, here, there)
 
     def clear(self, here: Floats, there: Floats) -> Bools:
         """Return which straight segments from here to there (n, 2) cross no wall, (n,)."""
         if self.open:
             return np.ones(len(here), bool)
-        return clear_lines(self.start, self.along, here, there)
+        return clear_lines(self.walls, here, there)
 
     def room(self, points: Floats) -> Floats:
         """Return how far points (n, 2) are from the nearest wall, (n,)."""
-        offset = points[:, None] - self.start
-        share = np.clip((offset * self.along).sum(-1) / (self.along**2).sum(-1), 0.0, 1.0)
-        return elementary.hypot(*np.moveaxis(offset - share[..., None] * self.along, -1, 0)).min(axis=1)
+        start, _, along = self.walls
+        offset = points[:, None] - start
+        share = np.clip((offset * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
+        return elementary.hypot(*np.moveaxis(offset - share[..., None] * along, -1, 0)).min(axis=1)
 
     def scatter(self, margin: float, count: int, rng: np.random.Generator) -> Floats:
         """Return points (count, 2), uniform over the arena and at least `margin` from its walls."""
@@ -67,10 +66,10 @@ class Ground:
 
     def reflect(self, here: Floats, step: Floats) -> Floats:
         """Return where a point `here` (2,) ends after `step` (2,), mirrored at the walls, (2,)."""
-        begin, wall = here, self.along
+        begin, wall = here, self.walls.along
         there, last = here + step, -1
         for _ in range(MIRRORS):
-            along, offset = there - here, self.start - here
+            along, offset = there - here, self.walls.start - here
             cross = along[0] * wall[:, 1] - along[1] * wall[:, 0]
             parallel = cross == 0
             cross = np.where(parallel, 1.0, cross)
@@ -93,16 +92,13 @@ class Ground:
 def ground_of(arena: Arena) -> Ground:
     """Return the ground of `arena`."""
     rings = rings_of(arena)
-    start, end = np.concatenate([np.roll(ring, 1, axis=0) for ring in rings]), np.concatenate(rings)
     x, y = (np.roll(rings[0], -1, axis=0) - rings[0]).T
     convex = len(rings) == 1 and bool((x * np.roll(y, -1) >= y * np.roll(x, -1)).all())  # no corner turns to the right
     return Ground(
         plane=plane_of(arena),
         polygon=polygon_of(arena),
         rings=tuple(rings),
-        start=start,
-        end=end,
-        along=end - start,
+        walls=walls_of(rings),
         open=convex or arena.torus,
     )
 

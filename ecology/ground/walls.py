@@ -1,9 +1,9 @@
-"""Compiled loops over walls: what lies inside, which ways and looks they cross.
-
-A wall goes from its `start` to its `end`, (W, 2) each, and has the arena on its left.
-"""
+"""Compiled loops over walls: what lies inside, which ways and looks they cross."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,27 @@ from ecology.state import Bools, Floats, Ints
 use_cache(__file__)
 
 
+class Walls(NamedTuple):
+    """W straight walls. A wall goes from its start to its end, and has the arena on its left."""
+
+    start: Floats  # (W, 2)
+    end: Floats  # (W, 2)
+    along: Floats  # (W, 2) from start to end
+
+
+NO_WALLS = Walls(*np.empty((3, 0, 2)))
+
+
+def walls_of(rings: Sequence[Floats]) -> Walls:
+    """Return the walls of closed rings of corners, (k, 2) each."""
+    start, end = np.concatenate([np.roll(ring, 1, axis=0) for ring in rings]), np.concatenate(rings)
+    return Walls(start, end, end - start)
+
+
 @compiled
-def inside_rings(start: Floats, end: Floats, points: Floats) -> Bools:
+def inside_rings(walls: Walls, points: Floats) -> Bools:
     """Return which points (n, 2) lie strictly inside rings of walls: odd crossings of a ray to the right, (n,)."""
+    start, end = walls.start, walls.end
     found = np.zeros(len(points), np.bool_)
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1]
@@ -32,13 +50,14 @@ def inside_rings(start: Floats, end: Floats, points: Floats) -> Bools:
 
 
 @within
-def first_exit(start: Floats, end: Floats, ax: float, ay: float, bx: float, by: float) -> int:
+def first_exit(walls: Walls, ax: float, ay: float, bx: float, by: float) -> int:
     """Return the first wall by which the way from a to b leaves the arena, -1 none.
 
     The side of a line that a point lies on is computed by one formula, for both walls of a corner and for both ways
     that meet in a point, so no way slips through between two walls. A way that touches a corner or ends on a wall
     leaves.
     """
+    start, end = walls.start, walls.end
     found, first = -1, np.inf
     low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
     dx, dy = bx - ax, by - ay
@@ -60,11 +79,11 @@ def first_exit(start: Floats, end: Floats, ax: float, ay: float, bx: float, by: 
 
 
 @compiled
-def stay_inside(start: Floats, end: Floats, here: Floats, there: Floats) -> Bools:
+def stay_inside(walls: Walls, here: Floats, there: Floats) -> Bools:
     """Return which straight ways from here to there (n, 2), which begin in the arena, stay in it, (n,)."""
     found = np.empty(len(here), np.bool_)
     for i in range(len(here)):
-        found[i] = first_exit(start, end, here[i, 0], here[i, 1], there[i, 0], there[i, 1]) < 0
+        found[i] = first_exit(walls, here[i, 0], here[i, 1], there[i, 0], there[i, 1]) < 0
     return found
 
 
@@ -78,23 +97,30 @@ def _crosses(ax: float, ay: float, ox: float, oy: float, bx: float, by: float) -
     return cross > 0 and 0 <= t <= cross and 0 <= s <= cross
 
 
+@within
+def is_clear(walls: Walls, here: Floats, there: Floats) -> bool:
+    """Return whether the straight segment from here to there (2,) crosses no wall."""
+    start, along = walls.start, walls.along
+    ax, ay = there[0] - here[0], there[1] - here[1]
+    for w in range(len(start)):
+        if _crosses(ax, ay, start[w, 0] - here[0], start[w, 1] - here[1], along[w, 0], along[w, 1]):
+            return False
+    return True
+
+
 @compiled
-def clear_lines(start: Floats, along: Floats, here: Floats, there: Floats) -> Bools:
-    """Return whether the straight segments from here to there (m, 2) cross no wall, `along` (W, 2) from its start."""
-    found = np.ones(len(here), np.bool_)
+def clear_lines(walls: Walls, here: Floats, there: Floats) -> Bools:
+    """Return which straight segments from here to there (m, 2) cross no wall, (m,)."""
+    found = np.empty(len(here), np.bool_)
     for m in range(len(here)):
-        ax, ay = there[m, 0] - here[m, 0], there[m, 1] - here[m, 1]
-        for w in range(len(start)):
-            ox, oy = start[w, 0] - here[m, 0], start[w, 1] - here[m, 1]
-            if _crosses(ax, ay, ox, oy, along[w, 0], along[w, 1]):
-                found[m] = False
-                break
+        found[m] = is_clear(walls, here[m], there[m])
     return found
 
 
 @within
-def near_walls(place: Floats, far: float, start: Floats, along: Floats, near: Ints) -> int:
+def near_walls(walls: Walls, place: Floats, far: float, near: Ints) -> int:
     """Write the walls that may come nearer than `far` to a place into `near` (W,), and return how many they are."""
+    start, along = walls.start, walls.along
     count = 0
     far += 1e-9
     x, y = place[0], place[1]
@@ -108,8 +134,9 @@ def near_walls(place: Floats, far: float, start: Floats, along: Floats, near: In
 
 
 @within
-def is_hidden(here: Floats, there: Floats, start: Floats, along: Floats, near: Ints, count: int) -> bool:
+def is_hidden(walls: Walls, here: Floats, there: Floats, near: Ints, count: int) -> bool:
     """Return whether one of the first `count` walls of `near` lies between two places."""
+    start, along = walls.start, walls.along
     ax, ay = there[0] - here[0], there[1] - here[1]
     for at in range(count):
         w = near[at]

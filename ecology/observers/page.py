@@ -29,6 +29,7 @@ import threading
 import time
 import urllib.request
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -49,29 +50,26 @@ PATIENCE = 30.0  # seconds granted to a browser that is slow, and to the start o
 HOSTS = (LOOPBACK, "localhost")
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What a page shows, and who hears of clicks."""
+
+    sources: Sequence[str]  # what the viewer opens: addresses of runs that serve, or names of `files`
+    # is given every click, in any thread; a recording that it returns is added to what is shown, words are told
+    hear: Callable[[Click], bytes | str | None]
+    files: Mapping[str, Path] = field(default_factory=dict)  # recordings
+    desk: Desk | None = None  # takes orders for a run that is alive; a recording has none
+    named: Callable[[str], bytes | str | None] | None = None  # is given names of agents, where there is no desk
+
+
 class Page:
     """Serves the viewer and hears clicks, in threads of its own, until it is closed."""
 
-    def __init__(
-        self,
-        sources: Sequence[str],
-        hear: Callable[[Click], bytes | str | None],
-        *,
-        files: Mapping[str, Path] | None = None,
-        dt: float = 1.0,
-        port: int = WEB_PORT,
-        desk: Desk | None = None,
-        name: str = "",
-        named: Callable[[str], bytes | None] | None = None,
-    ) -> None:
+    def __init__(self, shown: Shown, *, dt: float = 1.0, port: int = WEB_PORT, name: str = "") -> None:
         """Serve from now on.
 
-        sources: what the viewer opens: addresses of runs that serve, or names of `files`, recordings.
-        hear: is given every click, in any thread; a recording that it returns is added to what is shown, words are
-        told.
-        dt: units of time per tick. port: a free one for 0. Raises EcologyError where the port is taken.
-        desk: takes orders for a run that is alive; a recording has none. name: of the run. named: is given names
-        of agents as `hear` is given clicks, where there is no desk.
+        dt: units of time per tick. port: a free one for 0. Raises EcologyError where the port is taken. name: of the
+        run.
         """
         self.port = free_port(LOOPBACK, port)
         self.token = secrets.token_urlsafe(32)
@@ -81,7 +79,7 @@ class Page:
         except BaseException:
             self._folder.cleanup()
             raise
-        runs = " ".join(f"http://{urlsplit(source).netloc}" for source in sources if "://" in source)
+        runs = " ".join(f"http://{urlsplit(source).netloc}" for source in shown.sources if "://" in source)
         policy = (
             "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; "
             f"img-src 'self' data: blob:; connect-src 'self' {runs}; worker-src blob:; frame-ancestors 'none'"
@@ -89,7 +87,7 @@ class Page:
         self._viewer = {f"/{path.name}": path for path in viewer}
         words = {"token": self.token, "agents": f"{AGENTS}/", "dt": dt, "name": name}
         self._served = type("Served", (_Handler,), {"words": words, "token": self.token, "policy": policy})
-        self._show(sources, hear, files or {}, desk, named)
+        self._show(shown)
         self._server = _Server((LOOPBACK, self.port), self._served)
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
@@ -99,31 +97,20 @@ class Page:
         """Return the address to open."""
         return f"http://{LOOPBACK}:{self.port}/"
 
-    def _show(
-        self,
-        sources: Sequence[str],
-        hear: Callable[[Click], bytes | str | None],
-        files: Mapping[str, Path],
-        desk: Desk | None,
-        named: Callable[[str], bytes | str | None] | None,
-    ) -> None:
+    def _show(self, shown: Shown) -> None:
         served: Any = self._served
+        desk = shown.desk
         live = {"live": desk is not None, "usages": USAGES if desk is not None else ()}
-        told = json.dumps({**served.words, "sources": list(sources), **live})
+        told = json.dumps({**served.words, "sources": list(shown.sources), **live})
         page = HTML.read_text(encoding="utf-8").replace("SETTINGS", told.replace("<", "\\u003c"), 1).encode()
-        named = named or (desk.focus if desk is not None else None)
-        served.page, served.files, served.desk = page, {**self._viewer, **{f"/{n}": f for n, f in files.items()}}, desk
-        served.hear, served.named = staticmethod(hear), staticmethod(named or _nobody)
+        named = shown.named or (desk.focus if desk is not None else None)
+        served.page, served.desk = page, desk
+        served.files = {**self._viewer, **{f"/{name}": file for name, file in shown.files.items()}}
+        served.hear, served.named = staticmethod(shown.hear), staticmethod(named or _nobody)
 
-    def look_back(
-        self,
-        file: Path,
-        hear: Callable[[Click], bytes | str | None],
-        named: Callable[[str], bytes | None],
-        desk: Desk,
-    ) -> None:
-        """Show the recording `file` to pages that are loaded from now on; `desk` still informs pages that are open."""
-        self._show([file.name], hear, {file.name: file}, None, named)
+    def look_back(self, shown: Shown, desk: Desk) -> None:
+        """Show a recording to pages that are loaded from now on; `desk` still informs pages that are open."""
+        self._show(shown)
         served: Any = self._served
         served.desk = desk
 

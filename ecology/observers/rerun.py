@@ -11,6 +11,7 @@ import os
 import pickle
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from ecology.observers.panels.decision import headline
 from ecology.observers.panels.futures import Futures
 from ecology.observers.readback import continued
 from ecology.observers.recording_file import RecordingFile
-from ecology.observers.sampler import Sampler
+from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
 from ecology.observers.viewer import (
     LOOPBACK,
@@ -51,6 +52,27 @@ TIDY = 2 * 2**30  # bytes up to which a recording is put in order at the end, by
 DETAILS = ("full", "lean")
 
 
+@dataclass(frozen=True)
+class Viewers:
+    """Where viewers see a world while it lives."""
+
+    serve: tuple[str, int] | None = None  # host and port where they may attach; port 0 takes a free one
+    connect: str | None = None  # rerun+http://HOST:PORT/proxy of one elsewhere, which must be open already
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The run whose world is recorded."""
+
+    name: str | None = None  # the scenario's without
+    resume: bool = False  # continue the file
+    before: tuple[Sequence[int], Sequence[int]] | None = None  # who was born and died by now, by species
+    wishes: Wishes | None = None  # for another focus
+    # of its pace, where somebody may set it: is told of decisions and of what was sent. Where it makes the run slow,
+    # more ticks are sampled, so that every picture is of the present
+    control: Control | None = None
+
+
 class RerunObserver:
     """Shows a run in the Rerun viewer: as a file, to viewers that attach, to a viewer elsewhere.
 
@@ -65,27 +87,20 @@ class RerunObserver:
         every: int = 10,
         maps_every: int = 1_000,
         detail: str | None = None,
-        serve: tuple[str, int] | None = None,
-        connect: str | None = None,
-        name: str | None = None,
         focus: Iterable[str] = (),
-        resume: bool = False,
-        before: tuple[Sequence[int], Sequence[int]] | None = None,
-        wishes: Wishes | None = None,
-        control: Control | None = None,
+        viewers: Viewers | None = None,
+        run: Recorded | None = None,
     ) -> None:
         """Record every `every` ticks, and deviation maps every `maps_every` ticks.
 
-        path: the file, "recording.rrd" of the run's folder. With `resume`, it is gone on with.
+        path: the file, "recording.rrd" of the run's folder.
         detail: "full", or "lean" without drive and reward of every agent (the focus has them, and colours
         show the drive); full up to 100 agents and lean above when None.
-        serve: (host, port) where viewers may attach; port 0 takes a free one, `url` says which.
-        connect: rerun+http://HOST:PORT/proxy of a viewer elsewhere, which must be open already.
         focus: whom to draw over time: names of agents, a species (shown first), or "hungriest"; the first
         agent of each species otherwise. When one dies, another of its species takes its place.
-        control: of the run's pace, where somebody may set it: is told of decisions and of what was sent. Where it
-        makes the run slow, more ticks are sampled, so that every picture is of the present.
+        viewers: that see the world while it lives. run: whose world it is, where it is a run's.
         """
+        viewers, run = viewers or Viewers(), run or Recorded()
         for word, value in (("every", every), ("maps_every", maps_every)):
             require(
                 isinstance(value, int) and value > 0,
@@ -96,15 +111,15 @@ class RerunObserver:
             f"a recording's detail is one of {', '.join(DETAILS)}; got {detail!r}.",
         )
         self._path = Path(path) if path is not None else None
-        self._every, self._maps_every, self._name, self._detail = every, maps_every, name, detail
-        self._asked, self._resume, self._before = tuple(focus), resume, before
-        self._wishes, self._control = wishes or Wishes(), control
+        self._every, self._maps_every, self._detail = every, maps_every, detail
+        self._asked, self._run, self._resume = tuple(focus), run, run.resume
+        self._wishes, self._control = run.wishes or Wishes(), run.control
         require(
-            self._path is None or resume or not self._path.exists(),
+            self._path is None or run.resume or not self._path.exists(),
             f"there is a recording at {str(path)!r} already; choose another folder, or resume that run.",
         )
-        self._host, self._port = (serve[0], free_port(*serve)) if serve else (LOOPBACK, 0)
-        self._connect = checked_url(connect) if connect else None
+        self._host, self._port = (viewers.serve[0], free_port(*viewers.serve)) if viewers.serve else (LOOPBACK, 0)
+        self._connect = checked_url(viewers.connect) if viewers.connect else None
         self._relays: list[relay.Relay] = []
         self._rec: rr.RecordingStream | None = None
         self._ended = True  # until it begins
@@ -142,11 +157,8 @@ class RerunObserver:
             env,
             minds,
             asked=self._asked,
-            before=self._before,
-            run=self._name or env.scenario.name,
-            every=self._every,
-            maps_every=self._maps_every,
-            detail=self._detail,
+            before=self._run.before,
+            how=Sampling(self._run.name or env.scenario.name, self._every, self._maps_every, self._detail),
             live=bool(self._port or self._connect),
         )
         self._scene = self._sampler.scene
@@ -253,9 +265,8 @@ class RerunObserver:
         asked = [each for each in asked if not each.startswith("no ")]
         first = self._sampler.shown_first
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
-        words = {"every": self._every, "maps_every": self._maps_every, "detail": self._detail}
-        words |= {"live": bool(self._port or self._connect)}
-        self._side = Side({"run": name, **words}, tuple(asked), self._opened)
+        how = Sampling(name, self._every, self._maps_every, self._detail)
+        self._side = Side(how, tuple(asked), self._opened, live=bool(self._port or self._connect))
         self._scene.fork = name
         self._futures = Futures(self._scene)
         self._futures.begin(self._env.state_view.tick, change)
@@ -354,22 +365,24 @@ class Side(Observer):
 
     def __init__(
         self,
-        words: Mapping[str, Any],
+        how: Sampling,
         asked: Sequence[str],
         opened: Callable[[Scene], None],
+        *,
+        live: bool,
     ) -> None:
-        """Watch with the arguments `words` of a `Sampler` and the `asked` focus; call `opened` with the scene."""
-        self._words, self._asked, self._opened, self.is_fresh = words, asked, opened, True
+        """Sample the fork as `how` says, with the `asked` focus; call `opened` with the scene."""
+        self._how, self._asked, self._opened, self._live, self.is_fresh = how, asked, opened, live, True
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Start to follow the fork."""
         self._env = env
-        self.sampler = Sampler(env, minds, FORK, asked=self._asked, **self._words)
+        self.sampler = Sampler(env, minds, FORK, asked=self._asked, how=self._how, live=self._live)
         self._opened(self.sampler.scene)
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Look at a tick."""
-        self.sampler.watch(state, tick, sampled=state.tick % self._words["every"] == 0)
+        self.sampler.watch(state, tick, sampled=state.tick % self._how.every == 0)
 
     def intervened(self, state: State, text: str, said: str) -> None:
         """Note an intervention in the fork."""

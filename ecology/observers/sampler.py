@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,15 @@ SECONDS = 0.2  # of the clock between them, where somebody looks on
 SPARSE = 20  # samples between two age structures, and between two coupling matrices
 
 
+class Sampling(NamedTuple):
+    """How often and how closely the world of a run is sampled."""
+
+    run: str  # name
+    every: int  # ticks
+    maps_every: int  # ticks
+    detail: str | None = None  # "full" or "lean", by the number of agents if None
+
+
 class Sampler:
     """Follows a world from tick to tick, and copies what a sample shows."""
 
@@ -39,21 +48,18 @@ class Sampler:
         *,
         asked: Sequence[str] = (),
         before: tuple[Sequence[int], Sequence[int]] | None = None,
-        run: str,
-        every: int,
-        maps_every: int,
-        detail: str | None = None,
+        how: Sampling,
         live: bool = False,
     ) -> None:
         """Follow `env` for the panels `kinds`, all of the layout for None.
 
         asked: who is to be in focus. before: who was born and died by now, by species. live: whether somebody looks
-        on, who is shown plans as they are made. The rest goes into the scene.
+        on, who is shown plans as they are made.
         """
-        self._env, self._minds, self._every = env, minds, every
+        self._env, self._minds, self._every = env, minds, how.every
         self.focus, self._census = Focus.of(env, asked), Census(env, before)
         self.focus.look(env.state_view)
-        self.scene = self._make_scene(run, maps_every, detail, mapped=kinds is None)
+        self.scene = self._make_scene(how, mapped=kinds is None)
         self.panels = panels(self.scene, kinds)
         self._followers = [panel for panel in self.panels if type(panel).follow is not Panel.follow]
         self._happened: list[Happening] = []
@@ -67,7 +73,7 @@ class Sampler:
         self.deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
         self._follow()
 
-    def _make_scene(self, run: str, maps_every: int, detail: str | None, *, mapped: bool) -> Scene:
+    def _make_scene(self, how: Sampling, *, mapped: bool) -> Scene:
         """Return what is drawn of a world and its minds; maps of J only where it is `mapped`."""
         env, minds, groups, scenario = self._env, self._minds, self._env.groups, self._env.scenario
         few, grid = env.size <= FEW, maps.cover(scenario.arena)
@@ -84,10 +90,10 @@ class Sampler:
             grows=env.open_population,
             marks=tuple(shapes.marked(scenario)),
             grid=grid,
-            run=run,
-            every=self._every,
-            maps_every=maps_every,
-            full=(detail or ("full" if few else "lean")) == "full",
+            run=how.run,
+            every=how.every,
+            maps_every=how.maps_every,
+            full=(how.detail or ("full" if few else "lean")) == "full",
             few=few,
             has_props=scenario.props is not None,
         )

@@ -53,9 +53,9 @@ def view_field(species: Species, place: Floats, heading: float, ground: Ground |
 
 def _free(place: Floats, way: Floats, far: float, ground: Ground | None) -> Floats:
     """Return the distances (k,) from `place` (2,) to the first wall along each `way` (k, 2), at most `far`."""
-    if ground is None or ground.torus or not len(ground.start):
+    if ground is None or ground.torus or not len(ground.walls.start):
         return np.full(len(way), far)
-    along, begin = ground.along, ground.start - place  # (W, 2)
+    along, begin = ground.walls.along, ground.walls.start - place  # (W, 2)
     cross = way[:, :1] * along[:, 1] - way[:, 1:] * along[:, 0]  # (k, W)
     with np.errstate(divide="ignore", invalid="ignore"):
         there = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / cross

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ecology import elementary, physiology
 from ecology.compiler_cache import compiled, use_cache
+from ecology.elementary import angle_of
 from ecology.ground import plane
 from ecology.ground.plane import wrapped
+from ecology.neighbours import Pairs
 from ecology.senses.acquaintance import Acquaintance
 from ecology.senses.base import Component, Perceiver, Perception, Sense, place_components
 from ecology.sight import nearest_seen
@@ -20,7 +22,18 @@ from ecology.state import Floats, Ints, State
 if TYPE_CHECKING:
     from ecology.model import Model
 
-use_cache(__file__, plane.__file__)
+use_cache(__file__, plane.__file__, elementary.__file__)
+
+
+class Features(NamedTuple):
+    """What is sensed of each neighbour, one after the other in zeta."""
+
+    far: float  # distance that stands for nobody
+    heading: bool  # whether its heading is sensed
+    kinds: int  # species among which it is told apart
+    kind_of: Ints  # (N,) which of them a slot belongs to, -1 none
+    needs: Ints  # (kinds, W) columns of the needs that each lets others perceive, -1 without
+    more: int  # components that `Acquaintance` writes
 
 
 class Others(Sense):
@@ -48,35 +61,33 @@ class Others(Sense):
                 found.append(Component(f"{one}_{name}", "plain", scale, min(low, 0.0), max(high, 0.0)))
             found += known.components(one)
         self.components = tuple(found)
-        self._rows, self._far, self._sensed, self._kinds, self._known = whose.rows, whose.far, sensed, len(kinds), known
-        # the place of each species (S,) among the kinds that are sensed, -1 without
-        self._kind_of = np.array([kinds.index(s) if s in kinds else -1 for s in everyone], np.int64)
-        # the needs that each of these opens, (kinds, W), -1 without
         columns = [[_column(kind.opens, [n.name for n in kind.needs], name) for name in opened] for kind in kinds]
-        self._columns = np.array(columns, np.int64).reshape(len(kinds), -1)
+        self._rows, self._sensed, self._known = whose.rows, sensed, known
+        self._features = Features(
+            far=whose.far,
+            heading=sensed.heading,
+            kinds=len(kinds),
+            kind_of=np.repeat([kinds.index(s) if s in kinds else -1 for s in everyone], [s.slots for s in everyone]),
+            needs=np.array(columns, np.int64).reshape(len(kinds), -1),
+            more=known.width,
+        )
+        self._wanted = self._features.kind_of >= 0  # (N,)
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write what is sensed of the nearest; the farthest distance and 0 where there is nobody."""
         eyes, pairs, sensed = seen.eyes, seen.pairs, self._sensed
         assert pairs is not None
-        found, way = nearest_seen(
-            pairs.starts, pairs.other, pairs.gap, pairs.distance, self._rows.start, len(zeta), sensed.count,
-            self._kind_of >= 0, model.species_of, state.position, state.heading, eyes.half_angle, eyes.range,
-            eyes.wall_from, eyes.wall_along, eyes.open,
-        )  # fmt: skip
-        angle = elementary.arctan2(way[1], way[0])  # (n, k)
-        _write_others(
-            zeta, column, self._far, found, angle, pairs.other, pairs.distance, self._rows.start, state.heading,
-            sensed.heading, self._kind_of, self._kinds, model.species_of, self._columns, state.internal,
-            physiology.set_points(model.body, state), self._known.width,
-        )  # fmt: skip
+        first = self._rows.start
+        found = nearest_seen(eyes, pairs, state.position, state.heading, first, len(zeta), sensed.count, self._wanted)
+        set_point, own = physiology.set_points(model.body, state), zeta[:, column : column + len(self.components)]
+        _write_others(own, self._features, pairs, found, first, state.heading, state.internal, set_point)
         if self._known.width:
             width = len(self.components) // sensed.count
             for place in range(sensed.count):
                 row = np.flatnonzero(found[:, place] >= 0)
                 told, at = zeta[row], column + (place + 1) * width - self._known.width
                 other = pairs.other[found[row, place]]
-                self._known.write(told, at, state, model.species_of, self._rows.start + row, other)
+                self._known.write(told, at, state, model.species_of, first + row, other)
                 zeta[row] = told
 
 
@@ -87,40 +98,30 @@ def _column(opens: tuple[str, ...], needs: list[str], name: str) -> int:
 @compiled
 def _write_others(
     zeta: np.ndarray,
-    column: int,
-    far: float,
+    features: Features,
+    pairs: Pairs,
     found: Ints,
-    angle: Floats,
-    other: Ints,
-    distance: Floats,
     first: int,
     heading: Floats,
-    with_heading: bool,
-    kind_of: Ints,
-    kinds: int,
-    species_of: Ints,
-    columns: Ints,
     internal: Floats,
     set_point: Floats,
-    more: int,
 ) -> None:
-    """Write what n slots from `first` on sense of others into zeta (n, D) from `column` on.
+    """Write what n slots from `first` on sense of others, of which the pairs `found` (n, k) are with them.
 
-    `found` (n, k) are the pairs, at `angle` (n, k); `kind_of` (S,) is the place of a species among the `kinds` that
-    are sensed, and `columns` (kinds, W) the needs that each lets others perceive, -1 without. After each neighbour,
-    `more` components are left to the caller.
+    Into zeta (n, k times what is sensed of each). `heading` (N,), `internal` and `set_point` (N, V) are by slot.
     """
+    far, with_heading, kinds, kind_of, columns, more = features
     for row in range(len(found)):
-        i, c = first + row, column
+        i, c = first + row, 0
         for place in range(found.shape[1]):
             p = found[row, place]
             if p < 0:
                 zeta[row, c] = far
             else:
-                j = other[p]
-                kind = kind_of[species_of[j]]
-                zeta[row, c] = distance[p]
-                zeta[row, c + 1] = wrapped(angle[row, place] - heading[i])
+                j = pairs.other[p]
+                kind = kind_of[j]
+                zeta[row, c] = pairs.distance[p]
+                zeta[row, c + 1] = wrapped(angle_of(pairs.gap[p, 1], pairs.gap[p, 0]) - heading[i])
                 at = c + 2
                 if with_heading:
                     zeta[row, at] = wrapped(heading[j] - heading[i])

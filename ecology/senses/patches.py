@@ -36,42 +36,45 @@ class Patches(Sense):
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write where the patch is; the farthest distance and 0 where none is seen."""
-        extent = model.plane
-        _write_patches(
-            zeta, column, self._far, seen.nearest[:, self._kind], self._rows.start, state.position, state.heading,
-            state.resource_position, extent.size, extent.torus, self._full, state.stock, model.resources.capacity,
-        )  # fmt: skip
+        own, patch, first = zeta[:, column:], seen.nearest[:, self._kind], self._rows.start
+        _write_places(
+            own, self._far, patch, first, state.position, state.heading, state.resource_position, model.plane.period
+        )
+        if self._full:
+            _write_fullness(own[:, 2], patch, first, state.stock, model.resources.capacity)
 
 
 @compiled
-def _write_patches(
+def _write_places(
     zeta: np.ndarray,
-    column: int,
     far: float,
     patch: Ints,
     first: int,
     position: Floats,
     heading: Floats,
     places: Floats,
-    size: Floats,
-    torus: bool,
-    full: bool,
-    stock: Floats,
-    capacity: Floats,
+    period: Floats,
 ) -> None:
-    """Write distance and bearing of the `patch` (N,) that each sees, -1 none, into zeta (n, D) from `column` on.
+    """Write distance and bearing of the `patch` (N,) that each sees, -1 none, into zeta (n, 2 or more).
 
-    The rows of zeta are the slots from `first` on. Where its fullness is perceived, that too.
+    The rows of zeta are the slots from `first` on.
     """
     for row in range(len(zeta)):
         i = first + row
         r = patch[i]
         if r < 0:
-            zeta[row, column] = far
+            zeta[row, 0] = far
             continue
-        dx = way_along(position[i, 0], places[r, 0], size[0], torus)
-        dy = way_along(position[i, 1], places[r, 1], size[1], torus)
-        zeta[row, column] = min(math.sqrt(dx * dx + dy * dy), far)
-        zeta[row, column + 1] = wrapped(angle_of(dy, dx) - heading[i])
-        if full:
-            zeta[row, column + 2] = stock[r] / capacity[r]
+        dx = way_along(position[i, 0], places[r, 0], period[0])
+        dy = way_along(position[i, 1], places[r, 1], period[1])
+        zeta[row, 0] = min(math.sqrt(dx * dx + dy * dy), far)
+        zeta[row, 1] = wrapped(angle_of(dy, dx) - heading[i])
+
+
+@compiled
+def _write_fullness(fullness: np.ndarray, patch: Ints, first: int, stock: Floats, capacity: Floats) -> None:
+    """Write how full the `patch` (N,) is that each sees, -1 none, into zeta's column (n,), slots from `first` on."""
+    for row in range(len(fullness)):
+        r = patch[first + row]
+        if r >= 0:
+            fullness[row] = stock[r] / capacity[r]

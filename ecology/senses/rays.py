@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary
+from ecology import elementary, ground
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import cosine_and_sine
 from ecology.senses.base import Component, Perceiver, Perception, Sense
@@ -35,14 +35,12 @@ class Walls(Sense):
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write the distances, at most the range."""
-        rows, eyes = self._rows, seen.eyes
+        rows = self._rows
         if model.ground.torus:
             zeta[:, column : column + len(self._angles)] = self._range
             return
-        cast(
-            zeta, column, state.position[rows], state.heading[rows], self._angles, self._range, eyes.wall_from,
-            eyes.wall_along,
-        )  # fmt: skip
+        walls = model.ground.walls
+        cast(zeta, column, state.position[rows], state.heading[rows], self._angles, self._range, walls)
 
 
 @compiled
@@ -53,20 +51,20 @@ def cast(
     heading: Floats,
     angles: Floats,
     far: float,
-    wall_from: Floats,
-    wall_along: Floats,
+    walls: ground.Walls,
 ) -> None:
     """Write the distances to the nearest wall from `position` (n, 2) along `heading` (n,) + `angles` (k,), at most far.
 
-    They stand in zeta (n, D) from `column` on; the walls are `wall_along` (W, 2) from where they start.
+    They stand in zeta (n, D) from `column` on.
     """
+    start, along = walls.start, walls.along
     for i in range(len(position)):
         for a in range(len(angles)):
             dx, dy = cosine_and_sine(heading[i] + angles[a])
             best = far
-            for w in range(len(wall_from)):
-                bx, by = wall_along[w, 0], wall_along[w, 1]
-                ox, oy = wall_from[w, 0] - position[i, 0], wall_from[w, 1] - position[i, 1]
+            for w in range(len(start)):
+                bx, by = along[w, 0], along[w, 1]
+                ox, oy = start[w, 0] - position[i, 0], start[w, 1] - position[i, 1]
                 cross = dx * by - dy * bx
                 if cross == 0.0:
                     continue

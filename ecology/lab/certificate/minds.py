@@ -35,7 +35,7 @@ from ecology.lab.certificate import reference
 from ecology.lab.certificate.report import markdown
 from ecology.lab.runs import sweep
 from ecology.lab.runs.folder import CONFIG, lock, replace_text, write_json
-from ecology.lab.runs.fork import fork
+from ecology.lab.runs.fork import Change, fork
 from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import resolve, words_of, world_digest
 from ecology.lab.runs.stopping import StoppedError
@@ -213,7 +213,7 @@ def moved(run: Run) -> dict[str, Any]:
     before = float(drive[-max(1, lives.WINDOW // span) :].mean())
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "moved"
-        forked = fork(run, at, out, changes={}, move={MOVED: PLACE}, ticks=at + ADAPTS, record=False)
+        forked = fork(run, at, out, Change(move={MOVED: PLACE}), ticks=at + ADAPTS, record=False)
         after, tick = Drives(learner.group.slots), at
         while tick < at + ADAPTS:
             tick = min(tick + lives.WINDOW // 2, at + ADAPTS)

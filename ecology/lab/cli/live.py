@@ -8,6 +8,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,54 +73,58 @@ def wait() -> None:
     threading.Event().wait()
 
 
-def make_observers(
-    it: Run,
-    *,
-    resume: bool,
-    view: bool = False,
-    serve: bool = False,
-    port: int | None = None,
-    connect: str | None = None,
-    focus: Sequence[str] = (),
-    paused: bool = False,
-    pace: float | None = None,
-    patient: bool = True,
-) -> list[Observer]:
+@dataclass(frozen=True)
+class Watching:
+    """How a run is watched while it lives; without anything, it is not."""
+
+    view: bool = False  # open a viewer
+    serve: bool = False  # show it in a browser, with its controls
+    port: int | None = None  # of the page
+    connect: str | None = None  # address of an open viewer
+    focus: Sequence[str] = ()  # whom to watch closely
+    paused: bool = False  # at the first tick
+    pace: float | None = None  # ticks per second
+    patient: bool = True  # wait for pages that fall behind
+
+    @property
+    def now(self) -> bool:
+        """Return whether anyone sees the run before it is over."""
+        return bool(self.view or self.serve or self.connect)
+
+
+def make_observers(it: Run, watching: Watching | None = None, *, resume: bool) -> list[Observer]:
     """Return the observers that record and show the run."""
     from ecology.observers.census import Focus
 
+    how = watching or Watching()
     observers: list[Observer] = []
-    if focus and not (it.plan.record or view or serve or connect):
+    if how.focus and not (it.plan.record or how.now):
         raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
-    Focus.of(it.env, focus)  # whom nobody can be is told before anything is written
+    Focus.of(it.env, how.focus)  # whom nobody can be is told before anything is written
     wishes = Wishes(it.folder)
-    if serve:
-        it.control = Control(paused=paused, pace=pace, patient=patient)
+    if how.serve:
+        it.control = Control(paused=how.paused, pace=how.pace, patient=how.patient)
     if it.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
         every = it.plan.record_every
         observers.append(Recorder(it.folder / METRICS, every, resume=resume, deeds=it.schedule.since(it.now, every)))
-    if it.plan.record or view or serve or connect:
-        from ecology.observers.rerun import RerunObserver  # slow to load
+    if it.plan.record or how.now:
+        from ecology.observers.rerun import Recorded, RerunObserver, Viewers  # slow to load
         from ecology.observers.viewer import LOOPBACK, SERVE_PORT, preferred_port
 
+        port = preferred_port(LOOPBACK, SERVE_PORT) if how.serve else 0
         rerun = RerunObserver(
             it.folder / RECORDING if it.plan.record else None,
             every=it.plan.record_every,
-            serve=(LOOPBACK, preferred_port(LOOPBACK, SERVE_PORT) if serve else 0) if view or serve else None,
-            connect=connect,
-            focus=focus,
+            viewers=Viewers((LOOPBACK, port) if how.view or how.serve else None, how.connect),
+            focus=how.focus,
             detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
-            name=it.folder.name,
-            resume=resume,
-            before=it.born_and_died(),
-            wishes=wishes,
-            control=it.control,
+            run=Recorded(it.folder.name, resume, it.born_and_died(), wishes, it.control),
         )
         observers.append(rerun)
         if rerun.url is not None:
-            observers.append(Audience(it, rerun, wishes, view=view, serve=serve, port=port))
+            observers.append(Audience(it, rerun, wishes, how))
     return observers
 
 
@@ -135,13 +140,13 @@ def web_port(port: int | None) -> int:
 class Audience:
     """Opens viewers on a run that serves, an observer: the viewer itself, or a page with the controls of the run."""
 
-    def __init__(self, it: Run, rerun: RerunObserver, wishes: Wishes, *, view: bool, serve: bool, port: int | None):
+    def __init__(self, it: Run, rerun: RerunObserver, wishes: Wishes, how: Watching) -> None:
         from ecology.observers.viewer import needs_display
 
-        if view:
+        if how.view:
             needs_display("use --serve and look from a browser")
-        self.port = web_port(port) if serve else None
-        self._run, self._rerun, self._wishes, self._view = it, rerun, wishes, view
+        self.port = web_port(how.port) if how.serve else None
+        self._run, self._rerun, self._wishes, self._view = it, rerun, wishes, how.view
         self._page: Page | None = None
         self._state: State | None = None
         self._over = False
@@ -154,7 +159,7 @@ class Audience:
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Open them: what they attach to is there by now."""
         from ecology.observers import viewer
-        from ecology.observers.page import Page
+        from ecology.observers.page import Page, Shown
 
         self._state, source = env.state_view, self._rerun.url
         assert source is not None
@@ -163,7 +168,7 @@ class Audience:
         if self.port is not None:
             name = self._run.folder.absolute().name
             try:
-                self._page = Page([source], self.hear, dt=env.dt, port=self.port, desk=self, name=name)
+                self._page = Page(Shown([source], self.hear, desk=self), dt=env.dt, port=self.port, name=name)
                 print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
@@ -188,7 +193,10 @@ class Audience:
     def look_back(self, recording: Path, past: Hindsight) -> None:
         """Show a recording of the run to pages that are loaded from now on."""
         if self._page is not None:
-            self._page.look_back(recording, past.hear, past.named, self)
+            from ecology.observers.page import Shown
+
+            shown = Shown([recording.name], past.hear, {recording.name: recording}, named=past.named)
+            self._page.look_back(shown, self)
 
     def close(self) -> None:
         """Serve browsers no more; a viewer that was opened stays."""

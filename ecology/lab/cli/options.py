@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from dataclasses import MISSING, fields
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -60,10 +62,39 @@ def announces_compiling(command: Callable[..., None]) -> Callable[..., None]:
     def announced(*args: Any, **options: Any) -> None:
         from ecology.lab import compiling  # loads Numba, which takes a moment
 
-        with compiling.announced(quiet=options.get("quiet", False)):
+        quiet = options.get("quiet", False) or any(getattr(arg, "quiet", False) for arg in args)
+        with compiling.announced(quiet=quiet):
             command(*args, **options)
 
     return announced
+
+
+def takes_options(command: Callable[[Any], None]) -> Callable[..., None]:
+    """Wrap a command whose one argument is a dataclass, so that Typer sees every field of it as an option.
+
+    A field is written as Typer reads a parameter: its annotation says what the option is, its default what it is
+    when not given.
+    """
+    (kind,) = (hint for name, hint in get_type_hints(command).items() if name != "return")
+    hints = get_type_hints(kind, include_extras=True)
+
+    @functools.wraps(command)
+    def flat(**given: Any) -> None:
+        command(kind(**given))
+
+    flat.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter(
+                each.name,
+                inspect.Parameter.POSITIONAL_OR_KEYWORD,
+                default=inspect.Parameter.empty if each.default is MISSING else each.default,
+                annotation=hints[each.name],
+            )
+            for each in fields(kind)
+        ]
+    )
+    flat.__annotations__ = {**hints, "return": None}
+    return flat
 
 
 def spell_out(words: list[str]) -> list[str]:

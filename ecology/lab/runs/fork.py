@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,40 +24,34 @@ from ecology.state import CAUSES, Ints
 Place = tuple[float, float]
 
 
-def fork(
-    run: Run,
-    at: int,
-    out: Path,
-    *,
-    changes: Mapping[str, Any],
-    remove: Sequence[str] = (),
-    move: Mapping[str, Place] | None = None,
-    do: Sequence[str] = (),
-    ticks: int | None = None,
-    device: str | None = None,
-    record: bool | None = None,
-    keep_every: int | None = None,
-    observers: Sequence[Observer] = (),
-) -> Run:
+@dataclass(frozen=True)
+class Change:
+    """What is another in a fork."""
+
+    settings: Mapping[str, Any] = field(default_factory=dict)  # of the scenario and of learners
+    remove: Sequence[str] = ()  # names of agents
+    move: Mapping[str, Place] = field(default_factory=dict)  # new places of resources
+    do: Sequence[str] = ()  # interventions
+
+
+def fork(run: Run, at: int, out: Path, change: Change, *, observers: Sequence[Observer] = (), **settings: Any) -> Run:
     """Return a run to `out` that goes on with the world that `run` was at tick `at`, not yet begun.
 
     `run` is as opened; it goes to the last state that is known at or before `at` and lives on from
-    there, watched by `observers`. `changes` are settings of the scenario and of learners, `remove` are
-    names of agents, `move` new places of resources, `do` interventions; its learners compute on
-    `device`, or where the run's did. Raises EcologyError where they do not fit.
+    there, watched by `observers`. The `settings` are those of `resolve` that are not of the world: ticks, device,
+    record, keep_every; the run's own without. Raises EcologyError where the change does not fit.
     """
-    plan = resolve(config=read_config(run.folder / CONFIG), changes=changes, ticks=ticks, device=device,
-                   record=record, keep_every=keep_every, copies=run.plan.copies)  # fmt: skip
-    told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(changes), "remove": list(remove)}
-    told["move"] = {name: list(place) for name, place in (move or {}).items()}
-    told |= {"do": list(do)} if do else {}
+    plan = resolve(config=read_config(run.folder / CONFIG), changes=change.settings, copies=run.plan.copies, **settings)
+    told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(change.settings)}
+    told |= {"remove": list(change.remove), "move": {name: list(place) for name, place in change.move.items()}}
+    told |= {"do": list(change.do)} if change.do else {}
     forked = _prepare(run, plan, out, told)
     go_to(run, at, observers)
     parts = run.parts()
     arrays, values = parts["world"]
     model, state = run.env.world.model, run.env.world.state
-    gone = np.unique(np.array([model.slot_of(name, state) for name in remove], np.int64))
-    parts["world"] = _changed(run.env, arrays, gone, move or {}), values
+    gone = np.unique(np.array([model.slot_of(name, state) for name in change.remove], np.int64))
+    parts["world"] = _changed(run.env, arrays, gone, change.move), values
     forked.schedule.entries = list(run.schedule.entries[: run.schedule.done])
     _become(forked, parts)
     for species, learner in forked.learners.items():  # as if they had died in the last tick
@@ -64,7 +59,7 @@ def fork(
         mine = gone[(gone >= rows.start) & (gone < rows.stop)]
         if mine.size:
             learner.died(mine - rows.start)
-    for text in do:
+    for text in change.do:
         forked.do(text)
     return forked
 

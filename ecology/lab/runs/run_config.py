@@ -210,22 +210,7 @@ def resolve(
     ticks = words.get("ticks")
     island = words.get("island", {})
     world = as_island(source.with_origins(scenarios.load(file, **settings), copies), island)
-    given = words.get("learners", {})
-    chosen = {}
-    for species in world.species:
-        of_config = given.get(species.name, {})
-        default = _placed(species.learner)
-        name = _placed(of_config.get("name", default))
-        own = of_config.get("settings", species.learner_settings if name == default else {})
-        chosen[species.name] = (name, dict(own))
-    for word in learners:
-        species_name, _, name = word.rpartition("=")
-        name = _placed(name)
-        for owner in _owners(species_name, chosen):
-            if chosen[owner][0] != name:
-                chosen[owner] = (name, {})
-    for unknown in given.keys() - chosen.keys():
-        raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
+    chosen = _choose_learners(world, words.get("learners", {}), learners)
     ticks = world.ticks if ticks is None else ticks
     typed = {_placed(word.rpartition("=")[2]) for word in learners}
     _admit(gate, [name for name, _ in chosen.values() if name not in typed], copies)
@@ -251,6 +236,28 @@ def resolve(
         raise EcologyError(f"record_detail is auto, full or lean, got {plan.record_detail!r}.")
     as_run = world.settings.get("ticks", ticks) == ticks
     return dataclasses.replace(plan, world=world if as_run else plan.load())
+
+
+def _choose_learners(
+    world: Scenario, given: Mapping[str, Any], learners: Sequence[str]
+) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Return name and settings of the learner of every species: as typed, else as `given` in a config, else its own."""
+    chosen = {}
+    for species in world.species:
+        of_config = given.get(species.name, {})
+        default = _placed(species.learner)
+        name = _placed(of_config.get("name", default))
+        own = of_config.get("settings", species.learner_settings if name == default else {})
+        chosen[species.name] = (name, dict(own))
+    for word in learners:
+        species_name, _, name = word.rpartition("=")
+        name = _placed(name)
+        for owner in _owners(species_name, chosen):
+            if chosen[owner][0] != name:
+                chosen[owner] = (name, {})
+    for unknown in given.keys() - chosen.keys():
+        raise EcologyError(f"[learners.{unknown}]: there is no such species. {nearest(unknown, chosen)}")
+    return chosen
 
 
 def _admit(gate: Gate | None, names: Iterable[str], copies: Path | None) -> None:

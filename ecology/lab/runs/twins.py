@@ -43,7 +43,7 @@ def recorders(run: Run, *, resume: bool = False) -> list[Observer]:
     if not run.plan.record:
         return []
     from ecology.observers.recorder import Recorder  # slow to load
-    from ecology.observers.rerun import RerunObserver
+    from ecology.observers.rerun import Recorded, RerunObserver
 
     every, detail = run.plan.record_every, run.plan.record_detail
     return [
@@ -52,9 +52,7 @@ def recorders(run: Run, *, resume: bool = False) -> list[Observer]:
             run.folder / RECORDING,
             every=every,
             detail=detail if detail != "auto" else None,
-            name=run.folder.name,
-            resume=resume,
-            before=run.born_and_died(),
+            run=Recorded(run.folder.name, resume, run.born_and_died()),
         ),
     ]
 

@@ -6,6 +6,7 @@ import contextlib
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,6 +24,7 @@ from ecology.lab.cli.options import (
     read_setting,
     refuse_with,
     say,
+    takes_options,
 )
 
 if TYPE_CHECKING:
@@ -33,26 +35,26 @@ ORDER = 5
 LINE = 10.0  # seconds between two lines of progress
 
 
-@announces_compiling
-def command(
-    archipelago: Annotated[
-        str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")
-    ] = None,
-    ticks: Annotated[
-        int | None, typer.Option(min=1, help="Length of the run.", show_default="the archipelago's")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Random seed.", show_default="0")] = None,
+@dataclass(frozen=True)
+class ArchipelagoOptions:
+    """What `ecology archipelago` is given."""
+
+    archipelago: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.", show_default="the archipelago's")] = (
+        None
+    )
+    seed: Annotated[int | None, typer.Option(min=0, help="Random seed.", show_default="0")] = None
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of the archipelago to change.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/NAME-SEED")] = None,
+    ] = None
+    out: Annotated[Path | None, typer.Option(help="Folder of the run.", show_default="runs/NAME-SEED")] = None
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes or actors that run the islands.", show_default="one per CPU")
-    ] = None,
-    ray: Ray = None,
+    ] = None
+    ray: Ray = None
     device: Annotated[
         str | None, typer.Option(metavar="cpu|cuda", help="Device that learners compute on.", show_default="cpu")
-    ] = None,
+    ] = None
     gpus: Annotated[
         float | None,
         typer.Option(
@@ -61,76 +63,96 @@ def command(
             help="GPUs that each Ray actor reserves.",
             show_default="1 with --device cuda",
         ),
-    ] = None,
+    ] = None
     memory: Annotated[
         float | None,
         typer.Option("--memory-per-worker", min=0.0, metavar="GIB", help="Memory that each Ray actor reserves."),
-    ] = None,
+    ] = None
     snapshot_every: Annotated[
         int | None,
         typer.Option(min=1, metavar="N", help="Ticks between two common snapshots.", show_default="10000"),
-    ] = None,
+    ] = None
     keep_every: Annotated[
         int | None,
         typer.Option(
             min=0, metavar="N", help="Keep a common snapshot every N ticks, to fork from.", show_default="none"
         ),
-    ] = None,
+    ] = None
     record_every: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Ticks between two samples of an island.", show_default="10")
-    ] = None,
-    no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor recordings.")] = False,
-    resume: Annotated[Path | None, typer.Option(help="Folder of a run to resume.")] = None,
-    fork: Annotated[Path | None, typer.Option(help="Folder of a run to fork; needs --at.")] = None,
+    ] = None
+    no_record: Annotated[bool, typer.Option("--no-record", help="Write neither metrics nor recordings.")] = False
+    resume: Annotated[Path | None, typer.Option(help="Folder of a run to resume.")] = None
+    fork: Annotated[Path | None, typer.Option(help="Folder of a run to fork; needs --at.")] = None
     at: Annotated[
         int | None, typer.Option(min=0, metavar="TICK", help="With --fork: tick of the common snapshot to fork from.")
-    ] = None,
-    source: Source = None,
-    trust: Trust = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = None
+    source: Source = None
+    trust: Trust = False
+    quiet: Quiet = False
+
+
+@takes_options
+@announces_compiling
+def command(options: ArchipelagoOptions) -> None:
     """Run an archipelago: islands side by side that exchange agents, with one recording per island and one of all."""
-    from ecology.lab.islands import run as islands
     from ecology.lab.runs.folder import lock
-    from ecology.lab.runs.gate import Gate
     from ecology.lab.runs.stopping import StoppedError
 
-    kept = resume or fork
-    if kept is not None:
-        option = "--resume" if resume is not None else "--fork"
-        refuse_with(option, ARCHIPELAGO=archipelago, seed=seed, device=device, record_every=record_every)
-        refuse_with(option, snapshot_every=snapshot_every, keep_every=keep_every, no_record=no_record or None)
-    if resume is not None:
-        refuse_with("--resume", set=set_, out=out, fork=fork)
-    if (fork is None) != (at is None):
-        raise EcologyError("--fork RUN and --at TICK go together; give both.")
-    if kept is None and archipelago is None:
-        raise EcologyError("name an archipelago to run, or give --resume RUN or --fork RUN.")
-    changes = read_pairs("--set", set_, read_setting)
-    gate = Gate(source, trust, say(quiet))
+    _check(options)
+    quiet = options.quiet
     with contextlib.ExitStack() as stack:
-        if resume is not None:
-            stack.enter_context(lock(resume))
-            it = islands.resume(resume, ticks, gate)
-        elif fork is not None:
-            it = islands.fork(fork, at or 0, changes, out, ticks, gate)
-        else:
-            it = islands.start(
-                str(archipelago), changes, out, ticks=ticks, seed=seed, device=device, keep_every=keep_every,
-                snapshot_every=snapshot_every, record_every=record_every, record=False if no_record else None,
-            )  # fmt: skip
-        make, count = _hosts(it, ray, gpus, memory)
-        if resume is None:
+        if options.resume is not None:
+            stack.enter_context(lock(options.resume))
+        it = _open(options)
+        make, count = _hosts(it, options.ray, options.gpus, options.memory)
+        if options.resume is None:
             it.folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(lock(it.folder))
         try:
-            summary = it.live(make, workers or count, _progress(quiet))
+            summary = it.live(make, options.workers or count, _progress(quiet))
         except StoppedError as stopped:
             if not quiet:
                 print(f"stopped by {stopped} at tick {it.now}; resume with: ecology archipelago --resume {it.folder}")
             raise
     if not quiet:
         _print(it, summary)
+
+
+def _check(options: ArchipelagoOptions) -> None:
+    """Raise EcologyError for options that do not go together."""
+    kept = options.resume or options.fork
+    if kept is not None:
+        refuse_with(
+            "--resume" if options.resume is not None else "--fork",
+            ARCHIPELAGO=options.archipelago, seed=options.seed, device=options.device,
+            record_every=options.record_every, snapshot_every=options.snapshot_every, keep_every=options.keep_every,
+            no_record=options.no_record or None,
+        )  # fmt: skip
+    if options.resume is not None:
+        refuse_with("--resume", set=options.set_, out=options.out, fork=options.fork)
+    if (options.fork is None) != (options.at is None):
+        raise EcologyError("--fork RUN and --at TICK go together; give both.")
+    if kept is None and options.archipelago is None:
+        raise EcologyError("name an archipelago to run, or give --resume RUN or --fork RUN.")
+
+
+def _open(options: ArchipelagoOptions) -> ArchipelagoRun:
+    """Return the run that the options name: resumed, forked or new."""
+    from ecology.lab.islands import run as islands
+    from ecology.lab.runs.gate import Gate
+
+    changes = read_pairs("--set", options.set_, read_setting)
+    gate = Gate(options.source, options.trust, say(options.quiet))
+    if options.resume is not None:
+        return islands.resume(options.resume, options.ticks, gate)
+    if options.fork is not None:
+        return islands.fork(options.fork, options.at or 0, changes, options.out, options.ticks, gate)
+    return islands.start(
+        str(options.archipelago), changes, options.out, ticks=options.ticks, seed=options.seed,
+        device=options.device, keep_every=options.keep_every, snapshot_every=options.snapshot_every,
+        record_every=options.record_every, record=False if options.no_record else None,
+    )  # fmt: skip
 
 
 def _hosts(

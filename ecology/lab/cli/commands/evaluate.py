@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,7 @@ from ecology.lab.cli.options import (
     read_pairs,
     read_setting,
     say,
+    takes_options,
 )
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 
@@ -31,49 +33,61 @@ if TYPE_CHECKING:
 ORDER = 9
 
 
-@announces_compiling
-def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """What `ecology evaluate` is given."""
+
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]
     species: Annotated[
         str | None, typer.Option(help="Species whose learner is evaluated.", show_default="the first")
-    ] = None,
-    ticks: Annotated[int, typer.Option(min=10, help="Length of each life that is measured.")] = EVALUATED,
-    places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60,
+    ] = None
+    ticks: Annotated[int, typer.Option(min=10, help="Length of each life that is measured.")] = EVALUATED
+    places: Annotated[int, typer.Option(min=1, help="Places per need at which choices are probed.")] = 60
     seed: Annotated[
         int | None, typer.Option(min=0, help="Random seed of the evaluation.", show_default="the run's + 1000")
-    ] = None,
+    ] = None
     in_: Annotated[
         str | None, typer.Option("--in", metavar="SCENARIO", help="Scenario to evaluate in.", show_default="the run's")
-    ] = None,
+    ] = None
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of the world to evaluate in.")
-    ] = None,
+    ] = None
     device: Annotated[
         str, typer.Option(metavar="cpu|plain|cuda|cuda:N|mps", help="Device that the learner computes on.")
-    ] = "cpu",  # one agent at a time: elsewhere it takes longer
-    again: Annotated[
-        bool, typer.Option("--again", help="Replace an existing evaluation made with other options.")
-    ] = False,
-    source: Source = None,
-    trust: Trust = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = "cpu"  # one agent at a time: elsewhere it takes longer
+    again: Annotated[bool, typer.Option("--again", help="Replace an existing evaluation made with other options.")] = (
+        False
+    )
+    source: Source = None
+    trust: Trust = False
+    quiet: Quiet = False
+
+
+@takes_options
+@announces_compiling
+def command(options: EvaluateOptions) -> None:
     """Evaluate a run's learner against baselines; write evaluation.json and figures."""
     from ecology.agents import evaluation, figures
     from ecology.lab.runs.folder import EVALUATION, FIGURES, METRICS, check_evaluation, check_links, write_json
     from ecology.lab.runs.run import open_run
     from ecology.observers import recorder
 
-    it = open_run(run, device=device, choice=source, trust=trust, say=say(quiet))
+    run, species, quiet = options.run, options.species, options.quiet
+    it = open_run(run, device=options.device, choice=options.source, trust=options.trust, say=say(quiet))
     if species is not None and species not in it.learners:
         raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
     learner = it.learners[species or next(iter(it.learners))]
-    world, where = _world_to_measure_in(it, learner.group.name, in_, set_ or ())
-    seed = it.plan.seed + EVALUATION_SEED if seed is None else seed
-    if not again:
+    world, where = _world_to_measure_in(it, learner.group.name, options.in_, options.set_ or ())
+    seed = it.plan.seed + EVALUATION_SEED if options.seed is None else options.seed
+    measured: dict[str, Any] = {
+        "device": options.device,
+        "seed": seed,
+        "ticks": options.ticks,
+        "places": options.places,
+    }
+    if not options.again:
         words: dict[str, Any] = {"scenario": world.name, "settings": dict(world.settings)}
-        words |= {"species": learner.group.name, "device": device, "seed": seed, "ticks": ticks, "places": places}
-        check_evaluation(where, words)
+        check_evaluation(where, {**words, "species": learner.group.name, **measured})
     check_links(run)
     it.restore()
     metrics = run / METRICS
@@ -91,19 +105,13 @@ def command(
             else:
                 console.print(words, highlight=False)
 
-        findings = evaluation.evaluate(
-            world,
-            learner,
-            seed,
-            ticks=ticks,
-            skip=min(SKIPPED, ticks // 10),
-            places=places,
+        trained = evaluation.Trained(
             name=it.plan.learners[learner.group.name].name,
-            device=device,
             home=None if world is it.scenario else it.scenario,
             lived=evaluation.Lived(*it.tally.drives(learner.group.name)),
-            tell=tell,
         )
+        extent = evaluation.Extent(**measured, skip=min(SKIPPED, options.ticks // 10))
+        findings = evaluation.evaluate(world, learner, extent, trained, tell=tell)
         tell("figures")
         with writable(where):
             drawn = figures.draw(where / FIGURES, world, findings, learner.group.layout.names, metrics)

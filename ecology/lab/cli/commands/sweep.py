@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +15,17 @@ from rich.console import Console
 from rich.table import Table
 
 from ecology.errors import EcologyError, writable
-from ecology.lab.cli.options import Device, Quiet, Ray, Source, Trust, announces_compiling, format_number, read_pairs
+from ecology.lab.cli.options import (
+    Device,
+    Quiet,
+    Ray,
+    Source,
+    Trust,
+    announces_compiling,
+    format_number,
+    read_pairs,
+    takes_options,
+)
 from ecology.lab.runs.stopping import StoppedError
 from ecology.machine import count_cpus
 
@@ -24,12 +35,14 @@ if TYPE_CHECKING:
 ORDER = 7
 
 
-@announces_compiling
-def command(
-    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
+@dataclass(frozen=True)
+class SweepOptions:
+    """What `ecology sweep` is given."""
+
+    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")]
     seeds: Annotated[
         str, typer.Option(metavar="FIRST:END", help="Seeds to run, END excluded; lists such as 1,4,9:12 work too.")
-    ] = "0:8",
+    ] = "0:8"
     set_: Annotated[
         list[str] | None,
         typer.Option(
@@ -37,29 +50,29 @@ def command(
             metavar="KEY=VALUE,...",
             help="Values of a setting to sweep: KEY, learner.KEY or SPECIES.learner.KEY.",
         ),
-    ] = None,
+    ] = None
     learner: Annotated[
         list[str] | None,
         typer.Option(metavar="[SPECIES=]NAME,...", help="Learners to sweep, of all species or of one."),
-    ] = None,
-    ticks: Annotated[int | None, typer.Option(min=1, help="Length of each run.", show_default="the scenario's")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the sweep.", show_default="runs/sweep-SCENARIO")] = None,
+    ] = None
+    ticks: Annotated[int | None, typer.Option(min=1, help="Length of each run.", show_default="the scenario's")] = None
+    out: Annotated[Path | None, typer.Option(help="Folder of the sweep.", show_default="runs/sweep-SCENARIO")] = None
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of runs at a time.", show_default="one per CPU")
-    ] = None,
-    ray: Ray = None,
+    ] = None
+    ray: Ray = None
     slurm: Annotated[
         str | None,
         typer.Option(
             metavar="PARTITION",
             help="Run as jobs of a Slurm partition; `default` takes the cluster's, `local` runs jobs on this machine.",
         ),
-    ] = None,
+    ] = None
     minutes: Annotated[
         int | None,
         typer.Option("--minutes-per-run", min=1, help="Time limit of a Slurm job.", show_default="the partition's"),
-    ] = None,
-    device: Device = None,
+    ] = None
+    device: Device = None
     gpus: Annotated[
         float | None,
         typer.Option(
@@ -68,61 +81,82 @@ def command(
             help="GPUs that each run reserves on Ray or Slurm.",
             show_default="1 with --device cuda",
         ),
-    ] = None,
+    ] = None
     memory: Annotated[
         float | None,
         typer.Option("--memory-per-run", min=0.0, metavar="GIB", help="Memory that each run reserves on Ray or Slurm."),
-    ] = None,
-    record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False,
+    ] = None
+    record: Annotated[bool, typer.Option("--record", help="Write metrics and a recording of every run.")] = False
     evaluate: Annotated[
         bool, typer.Option("--evaluate", help="Evaluate what each run has learned, as `ecology evaluate` does.")
-    ] = False,
+    ] = False
     show: Annotated[
         list[str] | None,
         typer.Option(metavar="COLUMN", help="Column of sweep.parquet to print and draw.", show_default="the drive"),
-    ] = None,
-    source: Source = None,
-    trust: Trust = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = None
+    source: Source = None
+    trust: Trust = False
+    quiet: Quiet = False
+
+
+@takes_options
+@announces_compiling
+def command(options: SweepOptions) -> None:
     """Run many seeds and settings; write one table and one figure. Run the same command again to resume."""
     from ecology.lab.runs import cluster
-    from ecology.lab.runs import slurm as jobs
     from ecology.lab.runs import sweep as sweeps
 
-    if ray is not None and slurm is not None:
+    if options.ray is not None and options.slurm is not None:
         raise EcologyError("--ray and --slurm are two ways to run a sweep elsewhere; give one of them.")
-    if minutes is not None and slurm is None:
+    if options.minutes is not None and options.slurm is None:
         raise EcologyError("--minutes-per-run requires --slurm.")
-    settings: dict[str, list[Any]] = read_pairs("--set", set_, sweeps.values_of, several=True)
-    out = (out or Path("runs") / f"sweep-{Path(scenario).stem}").absolute()
+    settings: dict[str, list[Any]] = read_pairs("--set", options.set_, sweeps.values_of, several=True)
+    out = (options.out or Path("runs") / f"sweep-{Path(options.scenario).stem}").absolute()
     cells = sweeps.cells_of(
-        scenario, out, seeds=sweeps.seeds_of(seeds), settings=settings, learners=learner or (), evaluate=evaluate,
-        ticks=ticks, record=record, device=device, source=source, trust=trust,
+        options.scenario, out, seeds=sweeps.seeds_of(options.seeds), settings=settings,
+        learners=options.learner or (), evaluate=options.evaluate, ticks=options.ticks, record=options.record,
+        device=options.device, source=options.source, trust=options.trust,
     )  # fmt: skip
-    elsewhere = ray or slurm
-    gpus = cluster.gpus_per_run(elsewhere, device, gpus, memory)
-    _check(cells, out, show or (), elsewhere=elsewhere is not None)
+    elsewhere = options.ray or options.slurm
+    gpus = cluster.gpus_per_run(elsewhere, options.device, options.gpus, options.memory)
+    _check(cells, out, options.show or (), elsewhere=elsewhere is not None)
     outcomes = [sweeps.Outcome(cell, sweeps.finished(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
-    attempt: sweeps.Attempt = sweeps.by_process
-    count: Callable[[], int] = count_cpus
-    if ray is not None and waiting:
-        attempt, count = cluster.by_ray(ray, gpus=gpus, memory=memory or 0.0)
-    if slurm is not None and waiting:
-        attempt, count = jobs.by_slurm(slurm, out, gpus=gpus, memory=memory or 0.0, minutes=minutes)
+    attempt, count = _workers(options, out, gpus) if waiting else (sweeps.by_process, count_cpus)
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
-    _live(
-        cells, waiting, outcomes, attempt, count if workers is None else lambda: workers,
-        out=out, title=Path(scenario).stem, show=show or (), quiet=quiet,
-    )  # fmt: skip
+    sweep = Sweep(cells, outcomes, out, Path(options.scenario).stem, options.show or ())
+    _live(sweep, waiting, attempt, count if options.workers is None else lambda: options.workers or 1, options.quiet)
     failed = [outcome for outcome in outcomes if outcome.summary is None]
     for outcome in failed:
         print(f"ecology: the run {outcome.cell.folder} failed: {outcome.failed}", file=sys.stderr)
     if failed:
         raise typer.Exit(max(outcome.code for outcome in failed))
+
+
+def _workers(options: SweepOptions, out: Path, gpus: float) -> tuple[Attempt, Callable[[], int]]:
+    """Return how a run is attempted, here or elsewhere, and the number of runs at a time."""
+    from ecology.lab.runs import cluster, slurm
+    from ecology.lab.runs import sweep as sweeps
+
+    memory = options.memory or 0.0
+    if options.ray is not None:
+        return cluster.by_ray(options.ray, gpus=gpus, memory=memory)
+    if options.slurm is not None:
+        return slurm.by_slurm(options.slurm, out, gpus=gpus, memory=memory, minutes=options.minutes)
+    return sweeps.by_process, count_cpus
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep under way."""
+
+    cells: Sequence[Cell]
+    outcomes: list[Outcome]  # of the cells that are over; grows
+    out: Path
+    title: str
+    show: Sequence[str]  # columns
 
 
 def _check(cells: Sequence[Cell], out: Path, show: Sequence[str], *, elsewhere: bool) -> None:
@@ -142,23 +176,13 @@ def _check(cells: Sequence[Cell], out: Path, show: Sequence[str], *, elsewhere: 
     sweeps.check_shown(show, cells, lambda cell: (first if cell is cells[0] else built(cell)).summary())
 
 
-def _live(
-    cells: Sequence[Cell],
-    waiting: Sequence[Cell],
-    outcomes: list[Outcome],
-    attempt: Attempt,
-    workers: Callable[[], int],
-    *,
-    out: Path,
-    title: str,
-    show: Sequence[str],
-    quiet: bool,
-) -> None:
-    """Run the cells that are waiting, add their results to `outcomes`, and sum up all cells."""
+def _live(sweep: Sweep, waiting: Sequence[Cell], attempt: Attempt, workers: Callable[[], int], quiet: bool) -> None:
+    """Run the cells that are waiting, add their results to the outcomes, and sum up all cells."""
     from ecology.lab.cli.progress import runs_bar
     from ecology.lab.runs import sweep as sweeps
     from ecology.lab.runs.folder import lock
 
+    cells, outcomes, out, show = sweep.cells, sweep.outcomes, sweep.out, sweep.show
     console = Console(stderr=True, quiet=quiet)
     with contextlib.ExitStack() as stack:
         stack.enter_context(lock(out))
@@ -188,7 +212,7 @@ def _live(
             unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows
             columns = sweeps.columns_of(done, show)
             with writable(out):
-                written = sweeps.sum_up(out, [*done, *unmeasured], title, columns)
+                written = sweeps.sum_up(out, [*done, *unmeasured], sweep.title, columns)
             if not quiet:
                 _say_sweep({sweeps.label(column): sweeps.points(done, column) for column in columns})
                 print(

@@ -74,17 +74,10 @@ def command(
             tick = past.lived_until if tick is None else tick
             run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
         if serve:
-            from ecology.observers.page import Page
+            from ecology.observers.page import Page, Shown
 
-            page = Page(
-                [run.name],
-                past.hear,
-                files={run.name: run},
-                dt=world.dt,
-                port=web_port(port),
-                name=name,
-                named=past.named,
-            )
+            shown = Shown([run.name], past.hear, files={run.name: run}, named=past.named)
+            page = Page(shown, dt=world.dt, port=web_port(port), name=name)
             stack.callback(page.close)
             print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
