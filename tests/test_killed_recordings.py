@@ -11,14 +11,14 @@ from same_end import recorded
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
 from ecology.observers.census import Past, afterwards
-from ecology.observers.rerun import RerunObserver
+from ecology.observers.rerun import Recorded, RerunObserver
 
 TICKS, KILLED = 200, (88, 141)  # some time after a checkpoint that lies between two samples
 
 
 def watcher(folder: Path, *, resume: bool = False) -> RerunObserver:
     """Return a recorder of the run in `folder`."""
-    return RerunObserver(folder / "recording.rrd", every=10, maps_every=70, resume=resume)
+    return RerunObserver(folder / "recording.rrd", every=10, maps_every=70, run=Recorded(resume=resume))
 
 
 def test_a_recording_that_was_killed_between_two_samples_lacks_nothing(tmp_path: Path) -> None:
