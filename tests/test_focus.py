@@ -60,8 +60,8 @@ def served(tmp_path, monkeypatch):
     monkeypatch.setattr(page, "_viewer_files", files)
     made = []
 
-    def make(hear, **words):
-        made.append(page.Page(page.Shown(["rerun+http://127.0.0.1:9876/proxy"], hear, **words), port=0))
+    def make(hear, dt=1.0, **words):
+        made.append(page.Page(page.Shown(["rerun+http://127.0.0.1:9876/proxy"], hear, **words), dt=dt, port=0))
         return made[-1]
 
     yield make
