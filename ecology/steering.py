@@ -135,6 +135,20 @@ class Steered(ParallelEnv):
         told = {name: {**infos[name], "action_mask": each["action_mask"]} for name, each in observations.items()}
         return {name: each["observation"] for name, each in observations.items()}, told
 
+    @property
+    def seed(self) -> int | None:
+        """Return the seed that the world was last reset with; None before the first reset."""
+        return self.env.seed
+
+    @property
+    def state_space(self) -> gymnasium.spaces.Box:
+        """Return the Box of `state()`."""
+        return self.env.state_space
+
+    def state(self) -> np.ndarray:
+        """Return the world's global view, float32."""
+        return self.env.state()
+
     def render(self) -> Any:
         """Return a picture."""
         return self.env.render()

@@ -8,6 +8,7 @@ from worlds import kind, square
 import ecology
 from ecology import EcologyError, Hazard, scenarios
 from ecology.fixed import FixedSlots
+from ecology.steering import Steered
 
 NOTHING = ({}, {}, {}, {}, {})
 HORIZON = 30  # ticks
@@ -101,3 +102,15 @@ def test_the_state_lies_in_its_space(name):
         assert space.contains(state), np.flatnonzero((state < space.low) | (state > space.high))
         env.step({agent: int(rng.integers(env.action_space(agent).n)) for agent in env.agents})
     assert FixedSlots(env).state_space is space
+
+
+def test_a_wrapped_world_has_the_state_and_the_seed_of_its_world():
+    """Centralised critics find `state()` and its space, and users the seed, whichever way the actions are given."""
+    for wrap in (FixedSlots, Steered):
+        env = ecology.parallel_env(scenarios.load("predator_prey"), horizon=5)
+        wrapped = wrap(env)
+        wrapped.reset(seed=3)
+        assert wrapped.state_space is env.state_space
+        assert wrapped.state_space.contains(wrapped.state())
+        np.testing.assert_array_equal(wrapped.state(), env.state())
+        assert wrapped.seed == 3
