@@ -13,7 +13,17 @@ from ecology.agents.evaluation import DeviationCheck, Findings, Life, Maps
 from ecology.ground.outline import drawn_lines
 from ecology.observers import recorder
 from ecology.observers.colours import need_colour, resource_colours, shaded
-from ecology.observers.plotting import Axes, Circle, Figure, LineCollection, Polygon, new_figure, save_figure
+from ecology.observers.plotting import (
+    LINES,
+    MARKERS,
+    Axes,
+    Circle,
+    Figure,
+    LineCollection,
+    Polygon,
+    new_figure,
+    save_figure,
+)
 from ecology.state import Floats, Ints
 
 DPI = 130
@@ -21,7 +31,7 @@ POINTS = 4000  # of a curve, at most; of more ticks it shows the range of neighb
 INK, FAINT, LEARNED = "#222222", "#999999", "#0072B2"  # blue of Okabe and Ito (2008)
 MEAL, DIED, BORN = "#D55E00", "#CC79A7", "#009E73"  # their vermilion, purple and green
 SMOOTH = 200  # points of a loss curve, at most
-LINES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), "-.", (0, (7, 1.5, 1.5, 1.5, 1.5, 1.5)))
+MARKED = 12  # markers along a curve
 
 
 def rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -143,6 +153,9 @@ def internal_states(life: Life, scenario: Scenario, species: Species, slot: int 
                 masked(life.zeta[:, slot, i]),
                 color=rgb(shaded(need_colour(i), 0.85)),
                 linestyle=LINES[k % len(LINES)],
+                marker=MARKERS[k % len(MARKERS)],
+                markersize=4,
+                markevery=(0.01 * k, 1.0 / MARKED),
                 linewidth=1.2,
                 label=species.needs[i].name.replace("_", " "),
             )
@@ -228,7 +241,7 @@ def baselines(drives: Mapping[str, Mapping[str, Any]], gap: float | None) -> Fig
     ax.set_yticks(range(len(rows)), [name for _, name in rows])
     ax.invert_yaxis()
     ax.set_xlim(0, 1.12 * max(end, default=1.0))
-    ax.set_xlabel("mean drive, drive units (less is better); 95 % interval")
+    ax.set_xlabel("mean drive, drive units (less is better); bars: 95 % bootstrap interval over blocks of 500 ticks")
     title = "Mean drive on the same world"
     ax.set_title(title if gap is None else f"{title}; {gap:.0%} of the way from camping to planner", fontsize=11)
     return figure

@@ -353,6 +353,7 @@ def test_a_served_run_from_its_page(tmp_path, monkeypatch, capsys):
     assert found["then"]["focus"].startswith("predator_")
     assert (found["over"]["tick"], found["over"]["over"]) == (30, True)
     assert found["over"]["folder"] == "mine"
+    assert (found["first"]["back"], found["over"]["back"]) == ("making", "ready")
     assert found["late"]["error"] == "the run is over."
     assert found["again"] == found["layer"] == b"RRF"
     assert (tmp_path / "mine/interventions.jsonl").read_text() == '{"tick": 0, "do": "move grass.0 2 2"}\n'

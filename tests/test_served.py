@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ import pytest
 from ecology.agents import checkpoint
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
-from ecology.observers import proxy, recording_file, viewer
+from ecology.observers import proxy, recording_file, rerun, sampler, viewer
 from ecology.observers.proxy import is_welcome
 
 ENDING = 20.0  # seconds within which a run ends whatever its viewers do
@@ -72,7 +73,8 @@ def test_the_proxy_bounds_and_sheds(echo: int, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(proxy, "SLOW", 0.5)
     monkeypatch.setattr(proxy, "CONNECTIONS", 4)
     port = viewer.free_port("127.0.0.1", 0)
-    proxy.open_proxy("127.0.0.1", port, echo)
+    told: list[int] = []
+    proxy.open_proxy("127.0.0.1", port, echo, told.append)
     with connect(port, b"POST /x HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://evil.example\r\n\r\n") as evil:
         assert evil.recv(1_000).startswith(b"HTTP/1.1 403")
     with contextlib.ExitStack() as stack:
@@ -83,8 +85,39 @@ def test_the_proxy_bounds_and_sheds(echo: int, monkeypatch: pytest.MonkeyPatch) 
         time.sleep(2.0)  # nobody reads on: all are shut out
         with connect(port) as late:
             assert late.recv(10)
+    assert max(told) == 4  # connections, whenever their number changes
     with pytest.raises(OSError, match="in use"):
         proxy.open_proxy("127.0.0.1", port, echo)
+
+
+def test_costly_samples_are_taken_while_somebody_watches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that is served plans for its picture only while a viewer is attached, beside what its recording holds."""
+    monkeypatch.setattr(sampler, "SECONDS", 0.0)
+    run = Run(resolve("predator_prey", learners=["random"], ticks=60, record=False), tmp_path / "served")
+    run.start()
+    observer = rerun.RerunObserver(every=1, viewers=rerun.Viewers(("127.0.0.1", 0)))
+    observer.begin(run.env, run.learners)
+    try:
+        assert observer.url is not None
+        port, state = int(observer.url.split(":")[2].split("/")[0]), run.env.state_view
+        (served,) = observer._relays
+
+        def wait(*, watched: bool) -> None:
+            until = time.monotonic() + ENDING
+            while served.watched is not watched:
+                assert time.monotonic() < until
+                time.sleep(0.01)
+
+        state = replace(state, tick=1)
+        assert not observer._sampler.look(state).closely
+        with connect(port):
+            wait(watched=True)
+            assert observer._sampler.look(state).closely
+        wait(watched=False)
+        assert not observer._sampler.look(state).closely
+        assert observer._sampler.look(replace(state, tick=sampler.CLOSE)).closely  # as in every recording
+    finally:
+        observer.end()
 
 
 def test_hostile_viewers_change_nothing(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import rerun.blueprint as rrb
 from rerun.blueprint.components import AbsoluteTimeRange
 
+from ecology.observers import maps
 from ecology.observers.panels.action import Action
 from ecology.observers.panels.ages import Ages
 from ecology.observers.panels.ahead import Ahead
@@ -82,10 +83,11 @@ LIFE = rows(
     tabs(Needs, Shares, Deviation, Everyone),
     Action,
     columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.7, 1.0)),
-    shares=(2.4, 1.0, 3.4),
+    shares=(2.6, 1.3, 2.9),
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 STRIP = columns(Count, Drives)  # below the minds of a crowd
+CUES = columns(Stocks, Measures)  # below the mind of one agent
 BELOW: Sequence[type[Panel]] = (Here, Maps, Events)  # the arena
 UNSEEN: Sequence[type[Panel]] = (Minds,)  # recorded for looking back
 FORK: Sequence[type[Panel]] = (*(kind for kind in ARENA if kind is not Legend), DecisionTable)  # of the other future
@@ -127,11 +129,11 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     populations: Any = None
     if scene.crowd:
         below, shares = rrb.Tabs(events, *mapped, active_tab=0), [2.6, 1.0]
-        populations = _place(scene, POPULATIONS, name="populations")
-        right: Any = rrb.Tabs(*lives, populations, active_tab=0)
-        strip = _place(scene, STRIP)
+        populations = None if scene.alone else _place(scene, POPULATIONS, name="populations")
+        right: Any = rrb.Tabs(*lives, *([populations] if populations else []), active_tab=0)
+        strip = _place(scene, CUES if scene.alone else STRIP)
         if strip is not None and lives:
-            right = rrb.Vertical(right, strip, row_shares=[4.6, 1.0])
+            right = rrb.Vertical(right, strip, row_shares=[5.0, 1.0])
     else:
         below, shares = rrb.Tabs(*mapped, events, active_tab=0), [2.3, 1.0]
         right = lives[0] if lives else events
@@ -139,10 +141,10 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     if scene.fork:
         arena = rrb.Horizontal(arena, _arena_view(scene, forked=True))
         futures = _futures(scene, there)
-        right = rrb.Tabs(futures, *lives, *([populations] if scene.crowd else []), active_tab=0)
+        right = rrb.Tabs(futures, *lives, *([populations] if populations else []), active_tab=0)
     left = rrb.Vertical(arena, below, row_shares=shares)
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[1.1, 1]),
+        rrb.Horizontal(left, right, column_shares=[1, 1.1]),  # the names of fatigues need the width
         _time_panel(scene),
         collapse_panels=True,
         auto_layout=False,
@@ -171,7 +173,10 @@ def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
     if not shown:
         return []
     whose = f"the {name} then in focus" if name in scene.chosen else scene.who(name)
-    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}: now, and with one need at its worst")]
+    species = scene.scenario.species[scene.groups[name].index]
+    worst = ", ".join(species.needs[i].name for i in maps.mapped_needs(species))
+    # the titles of narrow maps are cut off: here is room
+    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}, dark is low: now | at their worst: {worst}")]
 
 
 def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -> Any:

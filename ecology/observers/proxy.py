@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import re
 import threading
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
 CONNECTIONS = 32  # at a time, at most
@@ -21,8 +22,11 @@ HOSTS = ("127.0.0.1", "localhost", "::1")
 PREFACE = b"PRI * HTTP/2"  # of a viewer that is no page
 
 
-def open_proxy(host: str, port: int, inner: int) -> None:
-    """Serve at (host, port), in a thread, what is served at the port `inner` here; OSError where it is taken."""
+def open_proxy(host: str, port: int, inner: int, tell: Callable[[int], None] = lambda _: None) -> None:
+    """Serve at (host, port), in a thread, what is served at the port `inner` here; OSError where it is taken.
+
+    tell: is given the number of connections, in that thread, whenever it changes.
+    """
     loop, ready = asyncio.new_event_loop(), threading.Event()
     failed: list[OSError] = []
 
@@ -35,10 +39,12 @@ def open_proxy(host: str, port: int, inner: int) -> None:
                 writer.transport.abort()
                 return
             inside.add(key)
+            tell(len(inside))
             try:
                 await _pass_on(reader, writer, inner)
             finally:
                 inside.discard(key)
+                tell(len(inside))
 
         try:
             await asyncio.start_server(pass_on, host, port, limit=BLOCK, backlog=CONNECTIONS)

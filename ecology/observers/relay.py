@@ -29,6 +29,7 @@ STARTING = 60.0  # seconds granted to the process to begin
 MEMORY = "256MB"  # of history kept for viewers that attach late
 CONNECT, SERVE = "connect", "serve"  # to a viewer, or viewers that attach
 READY = b"+"  # is said when viewers can attach, or before the one elsewhere is looked for
+WATCHED, ALONE = b"1", b"0"  # are said when the first viewer attaches, and when the last leaves
 
 log = logging.getLogger("ecology")
 
@@ -46,6 +47,7 @@ class Relay:
         Returns once viewers can attach.
         """
         self._url, self._told = address, False
+        self.watched = how == CONNECT  # whether a viewer is attached
         self._waiting: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._bytes, self._lock = 0, threading.Lock()
         self._process = subprocess.Popen(
@@ -58,21 +60,27 @@ class Relay:
         )
         self._thread = threading.Thread(target=self._feed, args=(pickle.dumps(scene),), daemon=True)
         self._thread.start()
-        self._said: list[bytes] = []
-        self._starting = threading.Thread(target=self._listen, daemon=True)
-        self._starting.start()
+        self._serves, self._answered = False, threading.Event()
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
         if how == SERVE and not self._is_ready():
             self._tell("cannot be served")
 
     def _listen(self) -> None:
+        """Take from the process whether it is ready, and whether a viewer is attached."""
         pipe = self._process.stdout
         assert pipe is not None
-        self._said.append(pipe.read(len(READY)))
+        while said := pipe.read(1):
+            if said == READY:
+                self._serves = True
+                self._answered.set()
+            else:
+                self.watched = said == WATCHED
+        self._answered.set()  # the process has ended
 
     def _is_ready(self) -> bool:
         """Wait until the process says that it is ready; say whether it is."""
-        self._starting.join(STARTING)
-        return self._said == [READY]
+        return self._answered.wait(STARTING) and self._serves
 
     def put(self, message: bytes) -> None:
         """Let `message` wait for its turn, in the place of the oldest where there is no room."""
@@ -98,6 +106,7 @@ class Relay:
             self._process.kill()
             self._process.wait()
         self._thread.join(PATIENCE)
+        self._listener.join(PATIENCE)
         assert self._process.stdout is not None
         self._process.stdout.close()
 
@@ -133,7 +142,7 @@ def _relayed(how: str, address: str) -> int:
             scene: Scene = message
             rec = rr.RecordingStream(scene.application)
             if how == CONNECT:
-                _say_ready()
+                _say(READY)
                 rec.connect_grpc(address, default_blueprint=blueprint(scene))
             else:
                 port = free_port(LOOPBACK, 0)
@@ -143,8 +152,8 @@ def _relayed(how: str, address: str) -> int:
             drawing = Drawing(rec, scene)
             if how == SERVE:
                 host, _, outer = address.rpartition(":")
-                proxy.open_proxy(host, int(outer), port)
-                _say_ready()
+                proxy.open_proxy(host, int(outer), port, lambda number: _say(WATCHED if number else ALONE))
+                _say(READY)
         else:
             what, arguments = message
             getattr(drawing, what)(*arguments)
@@ -156,9 +165,10 @@ def _relayed(how: str, address: str) -> int:
     return 0
 
 
-def _say_ready() -> None:
-    sys.stdout.buffer.write(READY)
-    sys.stdout.buffer.flush()
+def _say(what: bytes) -> None:
+    """Tell the run something, in one write; it may be gone."""
+    with contextlib.suppress(OSError):
+        os.write(sys.stdout.fileno(), what)
 
 
 if __name__ == "__main__":

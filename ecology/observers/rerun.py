@@ -159,7 +159,7 @@ class RerunObserver:
             asked=self._asked,
             before=self._run.before,
             how=Sampling(self._run.name or env.scenario.name, self._every, self._maps_every, self._detail),
-            live=bool(self._port or self._connect),
+            watched=self._is_watched,
         )
         self._scene = self._sampler.scene
         self._side: Side | None = None  # the other future, of a fork
@@ -228,6 +228,10 @@ class RerunObserver:
         self._sample(look)
         self._send()
 
+    def _is_watched(self) -> bool:
+        """Return whether a viewer is attached."""
+        return any(each.watched for each in self._relays)
+
     def _is_slow(self) -> bool:
         """Return whether a picture is due before the next sample of the recording."""
         return self._control is not None and time.monotonic() - self._since > 2 * SECONDS_LIVE
@@ -266,7 +270,7 @@ class RerunObserver:
         first = self._sampler.shown_first
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
         how = Sampling(name, self._every, self._maps_every, self._detail)
-        self._side = Side(how, tuple(asked), self._opened, live=bool(self._port or self._connect))
+        self._side = Side(how, tuple(asked), self._opened, watched=self._is_watched)
         self._scene.fork = name
         self._futures = Futures(self._scene)
         self._futures.begin(self._env.state_view.tick, change)
@@ -369,15 +373,18 @@ class Side(Observer):
         asked: Sequence[str],
         opened: Callable[[Scene], None],
         *,
-        live: bool,
+        watched: Callable[[], bool],
     ) -> None:
-        """Sample the fork as `how` says, with the `asked` focus; call `opened` with the scene."""
-        self._how, self._asked, self._opened, self._live, self.is_fresh = how, asked, opened, live, True
+        """Sample the fork as `how` says, with the `asked` focus; call `opened` with the scene.
+
+        watched: whether a viewer is attached.
+        """
+        self._how, self._asked, self._opened, self._watched, self.is_fresh = how, asked, opened, watched, True
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Start to follow the fork."""
         self._env = env
-        self.sampler = Sampler(env, minds, FORK, asked=self._asked, how=self._how, live=self._live)
+        self.sampler = Sampler(env, minds, FORK, asked=self._asked, how=self._how, watched=self._watched)
         self._opened(self.sampler.scene)
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:

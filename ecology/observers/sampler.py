@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from ecology.world import Tick
 
 FOCUS_TICKS = 500  # after which the hungriest is looked for again
 CLOSE = 10  # samples between two plans, and between two maps of J at the present state
-SECONDS = 0.2  # of the clock between them, where somebody looks on
+SECONDS = 0.2  # of the clock between them, while a viewer is attached
 SPARSE = 20  # samples between two age structures, and between two coupling matrices
 
 
@@ -49,12 +49,12 @@ class Sampler:
         asked: Sequence[str] = (),
         before: tuple[Sequence[int], Sequence[int]] | None = None,
         how: Sampling,
-        live: bool = False,
+        watched: Callable[[], bool] = lambda: False,
     ) -> None:
         """Follow `env` for the panels `kinds`, all of the layout for None.
 
-        asked: who is to be in focus. before: who was born and died by now, by species. live: whether somebody looks
-        on, who is shown plans as they are made.
+        asked: agents to bring into focus. before: who was born and died by now, by species. watched: whether a viewer
+        is attached, which is shown plans as they are made.
         """
         self._env, self._minds, self._every = env, minds, how.every
         self.focus, self._census = Focus.of(env, asked), Census(env, before)
@@ -67,7 +67,7 @@ class Sampler:
         self._top = colours.Top(env.scenario)
         self._sampled, self._ground = 0, env.world.model.ground
         self.closest = -1  # tick at which it was last looked at closely
-        self._live, self._close = live, -math.inf  # by the clock, when it was last looked at closely
+        self._is_watched, self._close = watched, -math.inf  # by the clock, when it was last looked at closely
         self._did = (-1, -1)  # slot and action of the one that is shown first
         self.tick: Tick | None = None  # the last one
         self.deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
@@ -166,7 +166,7 @@ class Sampler:
         # by the tick, so that a run that is resumed has the same
         sparse = self._sampled == 0 or state.tick % (SPARSE * self._every) == 0
         closely = sampled and (state.tick % (CLOSE * self._every) == 0 or turned or waits)
-        if sampled and self._live and time.monotonic() - self._close > SECONDS:
+        if sampled and time.monotonic() - self._close > SECONDS and self._is_watched():
             closely, self._close = True, time.monotonic()
         self.closest = state.tick if closely else self.closest
         return Watch(

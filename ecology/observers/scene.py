@@ -62,6 +62,11 @@ class Scene:
         return sum(group.size for group in self.groups.values()) > 1 or bool(self.scenario.cues)
 
     @property
+    def alone(self) -> bool:
+        """Return whether there is one agent and never another: what is said of a population is said of it already."""
+        return sum(group.size for group in self.groups.values()) == 1
+
+    @property
     def mixed(self) -> bool:
         """Return whether there are several species: bodies have their colours, and headings show the drive."""
         return len(self.groups) > 1

@@ -18,7 +18,6 @@ from ecology import Ecology, scenarios
 from ecology.agents import evaluation, lives
 from ecology.lab.runs.defaults import EVALUATED, EVALUATION_SEED, SKIPPED
 from ecology.lab.runs.sweep import DPI, LEARNED, TABLE
-from ecology.observers.colours import PALETTE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,21 +92,21 @@ def camping(scenario: str) -> float:
 
 def draw(path: Path, found: Sequence[Point], line: float) -> None:
     """Draw every choice with the range of its seeds, numbered as in the table, and the drive of camping as a `line`."""
-    from ecology.observers.plotting import ScalarFormatter, new_figure  # slow to load
+    from ecology.observers.plotting import ScalarFormatter, new_figure, save_figure, style  # slow to load
 
     figure = new_figure((11, 5.6))
     ax = figure.add_subplot(xscale="log", yscale="log")
     ax.axhline(line, color="0.5", linewidth=1, linestyle="--")
     ax.annotate(f"camping {line:.2f}", (1, line), xycoords=("axes fraction", "data"), xytext=(-4, 3),
                 textcoords="offset points", ha="right", fontsize=8, color="0.4")  # fmt: skip
-    colours = {
-        sweep: PALETTE[(i - 2) % len(PALETTE)] for i, sweep in enumerate(dict.fromkeys(point.sweep for point in found))
-    }
+    looks = {sweep: style(i) for i, sweep in enumerate(dict.fromkeys(point.sweep for point in found))}
     for number, point in enumerate(found, 1):
         drives, mean = list(point.drives.values()), float(np.mean(list(point.drives.values())))
+        look = looks[point.sweep]
+        ax.plot([1.02 * point.learner] * len(drives), drives, ".", color=look.colour, alpha=0.45, markersize=5)
         ax.errorbar(
-            point.learner, mean, [[mean - min(drives)], [max(drives) - mean]], fmt="o", capsize=3, markersize=5,
-            linewidth=1, color=np.array(colours[point.sweep]) / 255, label=f"{number}  {point.label}",
+            point.learner, mean, [[mean - min(drives)], [max(drives) - mean]], fmt=look.marker, capsize=3,
+            markersize=5, linewidth=1, color=look.colour, label=f"{number}  {point.label}",
         )  # fmt: skip
         ax.annotate(str(number), (point.learner, max(drives)), xytext=(0, 4), textcoords="offset points", ha="center",
                     fontsize=9)  # fmt: skip
@@ -116,9 +115,9 @@ def draw(path: Path, found: Sequence[Point], line: float) -> None:
         axis.set_minor_formatter(ScalarFormatter())
     ax.tick_params(which="both", labelsize=8)
     ax.set_xlabel("CPU time of the learner, milliseconds per agent and tick")
-    ax.set_ylabel("learned drive: mean and range over seeds (less is better)")
+    ax.set_ylabel("learned drive (less is better); bars: range over seeds, small dots: seeds")
     figure.legend(loc="outside right upper", fontsize=9, frameon=False)
-    figure.savefig(path, dpi=DPI)
+    save_figure(figure, path, DPI)
 
 
 def table(found: Sequence[Point]) -> str:

@@ -9,7 +9,6 @@ it for all. Time is the process's own, which other programs on the machine do no
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import os
 import subprocess
@@ -321,12 +320,11 @@ def called(name: str, version: str) -> str:
 
 def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     """Draw agent-steps per second over agents, a line for each name, with quartiles."""
-    from ecology.observers.plotting import color_sequences, new_figure, save_figure  # slow to load
+    from ecology.observers.plotting import new_figure, save_figure, style  # slow to load
 
     figure = new_figure((9.0, 4.6))
     ax = figure.add_subplot()
-    ours, theirs = (itertools.cycle(color_sequences[name]) for name in ("tab10", "Dark2"))
-    for name in dict.fromkeys(speed.name for speed in found):
+    for i, name in enumerate(dict.fromkeys(speed.name for speed in found)):
         line = sorted((speed for speed in found if speed.name == name), key=lambda speed: speed.agents)
         middle = np.array([speed.median for speed in line])
         spread = np.array([[speed.median - speed.low, speed.high - speed.median] for speed in line]).T
@@ -338,14 +336,14 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
         elif name == PLAIN:
             label = "ecology, algorithm1 learning on the plain device"
         ax.errorbar(
-            [speed.agents for speed in line], middle, spread, fmt="--s" if name in WORLDS else "-o", capsize=3,
-            linewidth=1.3, markersize=4, label=label, color=next(theirs if name in WORLDS else ours),
+            [speed.agents for speed in line], middle, spread, capsize=3, linewidth=1.3, markersize=4, label=label,
+            **style(i).words,
         )  # fmt: skip
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xlabel("agents")
     ax.set_ylabel("agent-steps per second, one core")
-    ax.set_title("Median and quartiles, one run, each world in turn", fontsize=11)
+    ax.set_title("Median, bars: quartiles over rounds of one run, each world in turn", fontsize=11)
     ax.grid(alpha=0.3, linewidth=0.5)
     ax.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     save_figure(figure, path, DPI)

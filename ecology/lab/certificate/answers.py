@@ -14,11 +14,13 @@ from ecology.agents.base import Learner
 from ecology.lab.certificate.case import Row
 from ecology.lab.runs.run_config import world_digest
 from ecology.observers.base import Observer
-from ecology.observers.plotting import Axes
+from ecology.observers.plotting import Axes, Style, draw_means, style
 from ecology.state import Floats, Ints
 
 SEEDS = 8  # of learners
-OURS, THEIRS, CLOSED = "#0072B2", "#D55E00", "#222222"  # colours: blue and vermilion of Okabe and Ito (2008)
+LEARNED, PUBLISHED, SCRIPTED = style(0), style(1), Style("0.45", "s", ":")  # looks of series
+OURS, THEIRS, CLOSED = LEARNED.colour, PUBLISHED.colour, "#222222"
+INTERVAL = "bars: 95 % t interval of the mean over seeds, small dots: seeds"
 Policy = Callable[[Ecology, Tick], Ints]  # actions (N,) of all slots
 Look = Callable[[Ecology, Tick], Any]
 
@@ -135,12 +137,17 @@ def whole(done: Mapping[str, Any], kind: str, values: Sequence[float], seeds: in
 # ---- figures -----------------------------------------------------------------------------------
 
 
-def band(ax: Axes, x: Iterable[float], samples: Sequence[Sequence[float]], label: str, colour: str = OURS) -> None:
-    """Draw the mean of each sample with its 95 % interval of Student's t."""
-    rows = [Row("", sample) for sample in samples]
-    mean = np.array([row.mean() for row in rows])
-    half = np.array([row.bounds()[1] - row.mean() for row in rows])
-    ax.errorbar(list(x), mean, yerr=half, fmt="o", color=colour, capsize=3, label=label, markersize=4)
+def band(ax: Axes, x: Iterable[float], samples: Sequence[Sequence[float]], label: str, look: Style = LEARNED) -> None:
+    """Draw the mean of each sample with its 95 % interval of Student's t, and the seeds; say so below the figure."""
+    rows, at = [Row("", sample) for sample in samples], list(x)
+    mean, bounds = [row.mean() for row in rows], np.array([row.bounds() for row in rows]).T
+    sizes = sorted({len(sample) for sample in samples})
+    number = f"{sizes[0]} to {sizes[-1]}" if len(sizes) > 1 else f"{sizes[0]}"
+    wide = max(at) - min(at) or 1.0
+    side = 1 if look == LEARNED else -1  # of two series in a figure
+    label = f"{label}, {number} seeds"
+    draw_means(ax, at, mean, bounds, samples, look, wide=wide, side=side, linestyle="none", label=label)
+    ax.figure.supxlabel(INTERVAL, fontsize=8)
 
 
 def finish(ax: Axes, x: str, y: str, title: str = "") -> None:

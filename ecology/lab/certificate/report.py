@@ -54,14 +54,13 @@ def draw(folder: Path, case: Case, values: Mapping[str, Any]) -> list[Path]:
     """Draw the figure of a case from its finished parts into the folder; return its files, none without a figure."""
     if case.figure is None or not values:
         return []
-    from ecology.observers.plotting import new_figure  # slow to load
+    from ecology.observers.plotting import new_figure, save_figure  # slow to load
 
     figure = new_figure(SIZE)
     case.figure(values, figure)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{case.name}.png"
-    figure.savefig(path, dpi=DPI, format="png")
-    return [path]
+    return save_figure(figure, path, DPI)
 
 
 def write(folder: Path, table: Mapping[str, Sequence[Row]], tables: Mapping[str, str]) -> list[Path]:

@@ -149,7 +149,7 @@ class Audience:
         self._run, self._rerun, self._wishes, self._view = it, rerun, wishes, how.view
         self._page: Page | None = None
         self._state: State | None = None
-        self._over = False
+        self._over = self._can_look_back = False
 
     @property
     def url(self) -> str | None:
@@ -197,6 +197,7 @@ class Audience:
 
             shown = Shown([recording.name], past.hear, {recording.name: recording}, named=past.named)
             self._page.look_back(shown, self)
+            self._can_look_back = True
 
     def close(self) -> None:
         """Serve browsers no more; a viewer that was opened stays."""
@@ -214,6 +215,7 @@ class Audience:
         more = {
             "ticks": self._run.plan.ticks, "alive": _alive(self._run.env, state), "focus": self._rerun.focus,
             "mind": self._rerun.mind, "over": self._over, "fork": self._fork_status(),
+            "back": "ready" if self._can_look_back else "making" if self._run.plan.record else "",
         }  # fmt: skip
         return {**control.status(), "tick": state.tick, **more, "folder": str(self._run.folder)}
 

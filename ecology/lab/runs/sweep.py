@@ -526,10 +526,15 @@ class Point:
     """The mean of a column of the table under one choice of settings, over seeds."""
 
     varied: Mapping[str, Any]
-    runs: int  # that have a value
+    values: Sequence[float]  # of the runs that have one
     mean: float
     low: float  # of the t interval over seeds; NaN of one run
     high: float
+
+    @property
+    def runs(self) -> int:
+        """Return the number of runs."""
+        return len(self.values)
 
 
 def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[Point]:
@@ -548,7 +553,7 @@ def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[Poin
         if n > 1:
             half = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * stats.sem(values)
             low, high = mean - half, mean + half
-        found.append(Point(varied=varied, runs=n, mean=mean, low=float(low), high=float(high)))
+        found.append(Point(varied=varied, values=values, mean=mean, low=float(low), high=float(high)))
     return found
 
 
@@ -568,13 +573,15 @@ def draw(path: Path, panels: Mapping[str, Sequence[Point]], title: str) -> None:
         )
         ax.set_ylabel(f"{what}, drive units (less is better)" if what.endswith("drive") else what)
     runs = sorted({point.runs for point in everything})
-    figure.suptitle(f"{title}: mean and 95 % t interval over {'-'.join(map(str, runs))} seeds", fontsize=11)
+    over = "-".join(map(str, runs))
+    bars = f"mean and {CONFIDENCE:.0%} t interval over {over} seeds (dots)" if runs[-1] > 1 else "one seed"
+    figure.suptitle(f"{title}: {bars}", fontsize=11)
     save_figure(figure, path, DPI)
 
 
 def _panel(ax: Any, found: Sequence[Point], axes: Sequence[str], words: Sequence[str]) -> None:
     """Draw the means of one column over the first of `axes`, whose values are `words` where they are no numbers."""
-    from ecology.observers.colours import PALETTE
+    from ecology.observers.plotting import draw_means, style
 
     first, others = (axes[0], axes[1:]) if axes else ("", [])
     values = [point.varied.get(first, "") for point in found]
@@ -583,17 +590,15 @@ def _panel(ax: Any, found: Sequence[Point], axes: Sequence[str], words: Sequence
     for value, point in zip(values, found, strict=True):
         name = ", ".join(f"{axis.removeprefix('set.')} {point.varied[axis]}" for axis in others)
         lines.setdefault(name, []).append((float(value) if numeric else words.index(str(value)), point))
-    step = min(np.diff(np.unique([at for line in lines.values() for at, _ in line])), default=1.0)
+    every = np.unique([at for line in lines.values() for at, _ in line])
+    step, wide = min(np.diff(every), default=1.0), float(np.ptp(every)) or 1.0
     for i, (name, line) in enumerate(lines.items()):
         line.sort(key=lambda pair: pair[0])
         aside = 0.02 * step * (i - (len(lines) - 1) / 2)  # intervals that lie on each other are told apart
         at = np.array([at for at, _ in line]) + aside
         mean = np.array([point.mean for _, point in line])
-        half = np.nan_to_num([point.high - point.mean for _, point in line])
-        ax.errorbar(
-            at, mean, half, fmt="o-", capsize=4, linewidth=1.3, markersize=5, label=name,
-            color=np.array(PALETTE[(i - 2) % len(PALETTE)]) / 255,
-        )  # fmt: skip
+        bounds = np.array([(point.low, point.high) for _, point in line]).T
+        draw_means(ax, at, mean, bounds, [point.values for _, point in line], style(i), wide=wide, label=name)
     if not numeric:
         ax.set_xticks(range(len(words)), words)
     ax.set_xlabel(first.removeprefix("set."))

@@ -266,7 +266,12 @@ def draw_map(rec: rr.RecordingStream, folder: str, grid: maps.Grid, value: np.nd
     rec.log(f"{folder}/image", rr.Image(image, draw_order=-10), *more)
     (x, y), (tall, wide) = grid.corner, (extent * grid.cell for extent in value.shape)
     ends = [(x + share * wide, y - 0.03 * tall) for share in (0.2, 0.8)]
-    rec.log(f"{folder}/range", *text(ends, [f"dark {low:.2f}", f"bright {high:.2f}"], [INK] * 2))
+    rec.log(f"{folder}/range", *text(ends, [f"low {_short(low)}", f"high {_short(high)}"], [INK] * 2))
+
+
+def _short(value: float) -> str:
+    """Return a number as a narrow map has room for it."""
+    return f"{value:.2f}" if abs(value) < 100 else f"{value:.0f}"
 
 
 def text(places: Any, words: Sequence[str], shades: Sequence[colours.Colour]) -> tuple[rr.Points2D]:

@@ -31,6 +31,6 @@ class Count(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot if agents can be born or die."""
-        if not (self.scene.grows or "died" in self.scene.marks):
+        if self.scene.alone or not (self.scene.grows or "died" in self.scene.marks):
             return []
         return [plot("/population/count", "living")]

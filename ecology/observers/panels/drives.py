@@ -38,5 +38,5 @@ class Drives(Panel):
         scalars(rec, "population/drive", batch.times, np.stack(curves, axis=1))
 
     def views(self) -> list[rrb.View | rrb.Container]:
-        """Return the plot."""
-        return [plot("/population/drive", "drive of the living: mean, one sd")]
+        """Return the plot, of several agents."""
+        return [] if self.scene.alone else [plot("/population/drive", "drive of the living: mean, one sd")]

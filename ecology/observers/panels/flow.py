@@ -37,6 +37,6 @@ class Flow(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot where anybody can be born or die."""
-        if not (self.scene.grows or "died" in self.scene.marks):
+        if self.scene.alone or not (self.scene.grows or "died" in self.scene.marks):
             return []
         return [plot("/population/flow", "born (bright) and died (dim) so far")]

@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers import maps
 from ecology.observers.panels.base import Batch, Panel, Watch, bounds, draw_map, lay, set_times
+from ecology.observers.panels.bodies import Bodies
 from ecology.observers.scene import BACKGROUND, Scene
 
 CELLS = 40  # along the longer side of the arena
@@ -67,5 +68,6 @@ class Here(Panel):
                 name="now",
                 background=BACKGROUND,
                 visual_bounds=bounds(self.scene, 0.19, 0.03),
+                overrides=Bodies(self.scene, self.name).overrides(),  # its heading begins where it is
             )
         ]

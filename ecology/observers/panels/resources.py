@@ -12,6 +12,8 @@ from ecology.observers import colours, shapes
 from ecology.observers.panels.base import Batch, Panel, Watch
 from ecology.observers.scene import BACKGROUND, STEPS, Scene
 
+LINE = 0.055  # height of a line of words on the first screen, as a share of the arena
+
 
 class Resources(Panel):
     """Draws the resources again where they have moved, and how full the finite ones are."""
@@ -82,8 +84,13 @@ class Resources(Panel):
         if self._finite:
             rec.send_columns("world/resources/stock", times, rr.Points2D.columns(positions=at).partition(parts))
         first = [int(np.flatnonzero(self._kind == k)[0]) for k in self._single]
-        beside = [self._beside(p[k], self._radii[k], len(self._patches[k].name)) for p in place for k in first]
-        if first:
+        beside: list[tuple[float, float]] = []
+        for i, (p, k) in enumerate((p, k) for p in place for k in first):
+            x, y = self._beside(p[k], self._radii[k], len(self._patches[k].name))
+            while (x, y) in beside[i - i % len(first) :]:  # of another resource at the same place
+                y -= LINE * self.scene.size
+            beside.append((x, y))
+        if beside:
             words = rr.Points2D.columns(positions=beside).partition([len(first)] * len(rows))
             rec.send_columns("world/resources/names", times, words)
 

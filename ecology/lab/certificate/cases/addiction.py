@@ -133,16 +133,19 @@ def closed_ratio(hours: float) -> float:
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
-    for hours, colour in ((6.0, answers.OURS), (1.0, answers.THEIRS)):
+    for hours, look in ((6.0, answers.LEARNED), (1.0, answers.PUBLISHED)):
         taken = [closed(hours, day)[1] for day in range(1, DAYS + 1)]
         left.plot(range(1, DAYS + 1), taken, color="0.7", lw=3)
         life = done.get(f"scripted-{hours:g}")
         if life is not None:
-            left.plot(range(1, DAYS + 1), life["infusions"][1:], color=colour, label=f"scripted, {hours:g} h a day")
+            left.plot(
+                range(1, DAYS + 1), life["infusions"][1:], color=look.colour, linestyle=look.line,
+                label=f"scripted, {hours:g} h a day",
+            )  # fmt: skip
         lives = answers.column(done, f"learned-{hours:g}-")
         if lives:
             samples = [[life["infusions"][1 + day] for life in lives] for day in range(DAYS)]
-            answers.band(left, np.arange(1, DAYS + 1), samples, f"f/J, {hours:g} h a day", colour)
+            answers.band(left, np.arange(1, DAYS + 1), samples, f"f/J, {hours:g} h a day", look)
     answers.finish(left, "day (grey: the recurrence)", "infusions in a session")
     sweep = {hours: done[f"scripted-{hours:g}"] for hours in SWEEP if f"scripted-{hours:g}" in done}
     right.axvline(most_without(), color="0.6", ls=":", label="closed form, 2.9 h")

@@ -139,8 +139,8 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     axes = figure.subplots(1, len(DAYS), sharey=True)
     for ax, name in zip(axes, DAYS, strict=True):
         ax.axhline(0, color="0.85")
-        ax.plot(AT, RATS[name], "s--", color="0.45", markersize=4, label="rats")
-        ax.plot(AT, PUBLISHED[name], "^-", color=answers.THEIRS, markersize=4, label="published learner")
+        ax.plot(AT, RATS[name], "s:", color=answers.SCRIPTED.colour, markersize=4, label="rats")
+        ax.plot(AT, PUBLISHED[name], **answers.PUBLISHED.words, markersize=4, label="published learner")
         if lives:
             answers.band(ax, AT, [[life[name][i] for life in lives] for i in range(len(AT))], "f/J")
         answers.finish(ax, "min", "change of temperature" if ax is axes[0] else "", name)

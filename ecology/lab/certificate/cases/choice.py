@@ -218,7 +218,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, middle, right = figure.subplots(1, 3)
     x = np.linspace(0, 2, 50)
     left.plot(x, np.hypot(0.5, x), color=answers.CLOSED, label="sure")
-    left.plot(x, (np.hypot(1.0, x) + x) / 2, color=answers.THEIRS, label="risky")
+    left.plot(x, (np.hypot(1.0, x) + x) / 2, color=answers.THEIRS, ls="--", label="risky")
     for other in OTHER:
         life = done.get(f"gamble-{other:g}")
         if life is not None:
@@ -230,10 +230,10 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     middle.axhline(0.5, color="0.8")
     middle.set_ylim(-0.05, 1.05)
     answers.finish(middle, "other need unmet", "share that gambles", "learned")
-    for n, colour in zip(POWERS, ("0.2", "0.5", "0.7"), strict=True):
-        if f"spread-{n:.3g}" in done:
-            right.plot([n], [np.mean(done[f"spread-{n:.3g}"])], "o", color=answers.OURS)
-            right.plot([n], [stationary(n)], "x", color=colour)
+    have = [n for n in POWERS if f"spread-{n:.3g}" in done]
+    if have:
+        right.plot(have, [np.mean(done[f"spread-{n:.3g}"]) for n in have], "o", color=answers.OURS)
+        right.plot(have, [stationary(n) for n in have], "x", color=answers.CLOSED, markersize=8)
     answers.finish(right, "n / m of the drive", "SD of h", "spread (x: closed form)")
 
 

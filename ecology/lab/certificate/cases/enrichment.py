@@ -121,10 +121,10 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     for k in have:
         values = [life["cv"] for life in answers.column(done, f"scripted-{k:g}-")]
         left.plot([k] * len(values), values, "o", color=answers.OURS, markersize=4)
-    answers.finish(left, "K", "CV of prey (dots: the world)")
-    for k, colour in zip((have[0], have[-1]), (answers.OURS, answers.THEIRS), strict=True) if have else ():
+    answers.finish(left, "K", "CV of prey (dots: the world, one per seed)")
+    for k, look in zip((have[0], have[-1]), (answers.LEARNED, answers.PUBLISHED), strict=True) if have else ():
         path = np.array(answers.column(done, f"scripted-{k:g}-")[0]["path"])
-        right.plot(path[:, 0], path[:, 1], color=colour, lw=0.8, label=f"K {k:g}")
+        right.plot(path[:, 0], path[:, 1], color=look.colour, linestyle=look.line, lw=0.8, label=f"K {k:g}")
     answers.finish(right, "prey", "predators")
 
 

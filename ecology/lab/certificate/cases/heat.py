@@ -134,9 +134,9 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     ax = figure.add_subplot()
     time = np.arange(-LEAD, LASTS + AFTER) + 1
     ax.axvspan(0, LASTS, color="#eeeeee")
-    for k, shade in ((0, "0.75"), (10, "0.55"), (16, answers.CLOSED)):
+    for k, shade, line in ((0, "0.7", ":"), (10, "0.5", "--"), (16, answers.CLOSED, "-")):
         if f"ahead-{k}" in done:
-            ax.plot(time, done[f"ahead-{k}"]["path"], color=shade, label=f"scripted, cools {k} ticks ahead")
+            ax.plot(time, done[f"ahead-{k}"]["path"], line, color=shade, label=f"scripted, cools {k} ticks ahead")
     for i, life in enumerate(answers.column(done, "seed-")):
         ax.plot(time, life["path"], color=answers.OURS, lw=0.8, label="f/J, one line per seed" if i == 0 else None)
     ax.axhline(DEADLY, color=answers.THEIRS, ls="--", label="dies")

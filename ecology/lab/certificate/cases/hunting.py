@@ -92,10 +92,10 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     ax = figure.add_subplot()
     x = np.linspace(0, max(DENSITIES) * 1.05, 100)
     ax.plot(x, SEARCH * x / (1 + SEARCH * HANDLING * x), color=answers.CLOSED, label="Holling, a = 2 R v")
-    for kind, label, colour in (("scripted", "scripted", "0.5"), ("learned", "f/J (lean)", answers.OURS)):
+    for kind, label, look in (("scripted", "scripted", answers.SCRIPTED), ("learned", "f/J (lean)", answers.LEARNED)):
         have = [d for d in DENSITIES if answers.column(done, f"{kind}-{d:g}-")]
         if have:
-            answers.band(ax, have, [answers.column(done, f"{kind}-{d:g}-") for d in have], label, colour)
+            answers.band(ax, have, [answers.column(done, f"{kind}-{d:g}-") for d in have], label, look)
     ax.axhline(1 / HANDLING, color="0.8", ls=":")
     answers.finish(ax, f"prey per unit of area ({SIDE:g} x {SIDE:g})", "prey taken per tick")
 

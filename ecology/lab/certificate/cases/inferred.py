@@ -137,9 +137,9 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
     kinds = [kind for kind in KINDS if answers.column(done, f"{kind}-seed-")]
-    for i, kind in enumerate(kinds):
-        lengths = [float(np.mean(life["lives"])) for life in answers.column(done, f"{kind}-seed-")]
-        left.plot([i] * len(lengths), lengths, "o", color=answers.OURS, alpha=0.6)
+    lengths = [[float(np.mean(life["lives"])) for life in answers.column(done, f"{kind}-seed-")] for kind in kinds]
+    if kinds:
+        answers.band(left, range(len(kinds)), lengths, "f/J")
     left.axhline(PUBLISHED[0], color=answers.THEIRS, ls="--", label="published decoder")
     left.set_xticks(range(len(kinds)), kinds)
     answers.finish(left, "what is sensed of the partner", "ticks lived")

@@ -113,15 +113,15 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
-    for cost, colour in zip(COSTS[1:], (answers.OURS, answers.THEIRS), strict=True):
+    for cost, look in zip(COSTS[1:], (answers.LEARNED, answers.PUBLISHED), strict=True):
         have = [r for r in RELATED if answers.column(done, f"fixed-{cost:g}-{r:g}-")]
         samples = [
             [float(np.mean(v["share"][-10:])) for v in answers.column(done, f"fixed-{cost:g}-{r:g}-")] for r in have
         ]
         if have:
-            answers.band(left, have, samples, f"c/b {cost:g}", colour)
-        left.axvline(cost, color=colour, ls=":")
-    answers.finish(left, "relatedness r", "share that gives", "one cost (dotted: r = c/b)")
+            answers.band(left, have, samples, f"c/b {cost:g}", look)
+        left.axvline(cost, color=look.colour, ls=look.line)
+    answers.finish(left, "relatedness r", "share that gives", "one cost (vertical: r = c/b)")
     right.plot([0, 1], [0, 1], color=answers.CLOSED, label="w = r")
     have = [r for r in VARIED if answers.column(done, f"varied-{r:g}-")]
     if have:

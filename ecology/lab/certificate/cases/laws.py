@@ -144,8 +144,9 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
         between = row.interval()
         if between is not None and row.closed:
             ax.plot(np.array(between) / row.closed, [i, i], color=answers.OURS)
+            ax.plot(np.array(row.ours) / row.closed, [i + 0.25] * len(row.ours), ".", color=answers.OURS, alpha=0.45)
     ax.set_yticks(range(len(rows)), [row.what.partition(",")[0][:46] for row in rows], fontsize=7)
-    answers.finish(ax, "ours over the closed form, 95 % interval", "")
+    answers.finish(ax, f"ours over the closed form ({answers.INTERVAL})", "")
 
 
 def case() -> Case:

@@ -186,25 +186,32 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
-    for swing, colour in ((0.0, "0.6"), (SWING, answers.OURS)):
+    for swing, look in ((0.0, answers.SCRIPTED), (SWING, answers.LEARNED)):
         life = done.get(f"sleep-{swing:g}")
         if life is not None:
             x = np.arange(len(life["path"])) * 3 * FINE
-            left.plot(x, life["path"], color=colour, label="constant" if not swing else "thresholds swing")
+            left.plot(
+                x,
+                life["path"],
+                color=look.colour,
+                linestyle=look.line,
+                label="thresholds swing" if swing else "constant",
+            )
     answers.finish(left, "hours", "sleepiness S")
     x = np.linspace(min(STARTS), max(STARTS), 60) + MEAN * DUSK - NIGHT
-    for meal, colour in (("steady", answers.OURS), ("patchy", answers.THEIRS)):
+    for meal, look in (("steady", answers.LEARNED), ("patchy", answers.PUBLISHED)):
         right.plot(
-            x, [answers.phi(score(v - MEAN * DUSK + NIGHT, meal)) for v in x], color=colour, label=f"{meal}, Phi(z)"
-        )
+            x, [answers.phi(score(v - MEAN * DUSK + NIGHT, meal)) for v in x], color=look.colour, linestyle=look.line,
+            label=f"{meal}, Phi(z)",
+        )  # fmt: skip
         have = [s for s in STARTS if f"budget-{s:g}-{meal}" in done]
         right.plot(
             [s + MEAN * DUSK - NIGHT for s in have],
             [np.mean(done[f"budget-{s:g}-{meal}"]) for s in have],
-            "o",
-            color=colour,
+            look.marker,
+            color=look.colour,
         )
-    answers.finish(right, "mu - R", "alive at dawn (dots: the world)")
+    answers.finish(right, "mu - R", f"alive at dawn (markers: {BODIES:,} bodies of the world)")
 
 
 def case() -> Case:

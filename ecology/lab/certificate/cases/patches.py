@@ -166,7 +166,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left.plot(x, [charnov(t) for t in x], color=answers.CLOSED, label="Charnov")
     left.plot(x, [discounted(t) for t in x], color=answers.CLOSED, ls="--", label=f"discounted, {GAMMA}")
     some = [t for t in TRAVELS if f"scripted-{t}" in done]
-    left.plot(some, [done[f"scripted-{t}"]["stay"] for t in some], "s", color="0.5", label="scripted")
+    left.plot(some, [done[f"scripted-{t}"]["stay"] for t in some], "s", color=answers.SCRIPTED.colour, label="scripted")
     have = [t for t in TRAVELS if answers.column(done, f"learned-{t}-")]
     if have:
         samples = [

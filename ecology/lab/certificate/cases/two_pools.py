@@ -132,12 +132,12 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     ax = figure.add_subplot()
     x = np.log(RATIOS)
     ax.plot(x, x, color=answers.CLOSED, label="ideal free, slope 1")
-    for kind, label, colour in (
-        ("scripted-0", "scripted", "0.5"), ("learned", f"f/J, {LEARNERS} learners", answers.OURS),
+    for kind, label, look in (
+        ("scripted-0", "scripted", answers.SCRIPTED), ("learned", f"f/J, {LEARNERS} learners", answers.LEARNED),
     ):  # fmt: skip
         samples = [[leaning(life) for life in answers.column(done, f"{kind}-{r:g}-")] for r in RATIOS]
         if all(samples):
-            answers.band(ax, x, samples, label, colour)
+            answers.band(ax, x, samples, label, look)
     answers.finish(ax, "ln Q1 / Q2", "ln N1 / N2")
 
 
