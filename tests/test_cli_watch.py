@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import re
@@ -17,7 +18,9 @@ from conftest import Command
 
 from ecology import EcologyError
 from ecology.lab.cli import live
-from ecology.observers.wishes import Wishes
+from ecology.lab.runs.run import Run
+from ecology.lab.runs.run_config import resolve
+from ecology.observers import rerun
 
 
 def test_view_saves_a_screenshot(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,19 +44,32 @@ def test_view_saves_a_screenshot(ecology: Command, monkeypatch: pytest.MonkeyPat
     assert drawn == [((Path("mine"), Path("new.png")), {"tick": 5})]
 
 
-def test_serving_twice_takes_other_ports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Where the usual ports are taken by another run, free ones are used."""
+def test_runs_that_are_served_take_other_ports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Where the usual ports are taken, also by a run that was prepared at the same time, free ones are used."""
     from ecology.observers import viewer
 
-    with socket.socket() as taken:
-        taken.bind((viewer.LOOPBACK, 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        assert viewer.preferred_port(viewer.LOOPBACK, port) not in (0, port)
-        monkeypatch.setattr(viewer, "WEB_PORT", port)
-        whom: Any = None
-        audience = live.Audience(whom, whom, Wishes(tmp_path), view=False, serve=True, port=None)
-        assert audience.port not in (None, 0, port)
+    for name in ("WEB_PORT", "SERVE_PORT"):
+        monkeypatch.setattr(viewer, name, viewer.free_port(viewer.LOOPBACK, 0))
+    monkeypatch.setattr(rerun, "SERVE_PORT", viewer.SERVE_PORT)
+    runs, watched = [Run(resolve("paper", learner="random", ticks=3), tmp_path / word) for word in "ab"], []
+    for run in runs:
+        run.start()
+        watched.append(live.make_observers(run, live.Watching(serve=True), resume=False))
+    urls = []
+    with contextlib.ExitStack() as at_end:
+        for run, observers in zip(runs, watched, strict=True):
+            for observer in observers:
+                observer.begin(run.env, run.learners)
+                at_end.callback(observer.end)
+            shown, audience = observers[-2:]
+            assert isinstance(shown, rerun.RerunObserver)
+            assert isinstance(audience, live.Audience)
+            at_end.callback(audience.close)
+            urls += [shown.url, audience.url]
+    assert len(set(urls)) == 4
+    assert None not in urls
+    assert f":{viewer.SERVE_PORT}/" in str(urls[0])
+    assert f":{viewer.WEB_PORT}/" in str(urls[1])
 
 
 def test_a_port_needs_something_to_serve(short: Command) -> None:

@@ -35,9 +35,11 @@ from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
 from ecology.observers.viewer import (
     LOOPBACK,
+    SERVE_PORT,
     checked_url,
     free_port,
     joined,
+    preferred_port,
     stretches,
     unfinished,
 )
@@ -56,7 +58,8 @@ DETAILS = ("full", "lean")
 class Viewers:
     """Where viewers see a world while it lives."""
 
-    serve: tuple[str, int] | None = None  # host and port where they may attach; port 0 takes a free one
+    # host and port where they may attach; port 0 takes a free one at once, None the usual or a free one at the start
+    serve: tuple[str, int | None] | None = None
     connect: str | None = None  # rerun+http://HOST:PORT/proxy of one elsewhere, which must be open already
 
 
@@ -118,7 +121,9 @@ class RerunObserver:
             self._path is None or run.resume or not self._path.exists(),
             f"there is a recording at {str(path)!r} already; choose another folder, or resume that run.",
         )
-        self._host, self._port = (viewers.serve[0], free_port(*viewers.serve)) if viewers.serve else (LOOPBACK, 0)
+        self._host, port = viewers.serve or (LOOPBACK, 0)
+        self._port = free_port(self._host, port) if viewers.serve and port is not None else 0
+        self._usual = port is None  # whether the port is chosen when the run starts
         self._connect = checked_url(viewers.connect) if viewers.connect else None
         self._relays: list[relay.Relay] = []
         self._rec: rr.RecordingStream | None = None
@@ -129,7 +134,7 @@ class RerunObserver:
 
     @property
     def url(self) -> str | None:
-        """Return where viewers attach, None where nothing is served."""
+        """Return where viewers attach, None where nothing is served yet."""
         return f"rerun+http://{self._host}:{self._port}/proxy" if self._port else None
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
@@ -153,6 +158,8 @@ class RerunObserver:
     def _begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         state = env.state_view
         self._env = env
+        if self._usual:  # late: another run that starts now would find the same port free
+            self._port = preferred_port(self._host, SERVE_PORT)
         self._sampler = Sampler(
             env,
             minds,

@@ -111,19 +111,19 @@ def make_observers(it: Run, watching: Watching | None = None, *, resume: bool) -
         observers.append(Recorder(it.folder / METRICS, every, resume=resume, deeds=it.schedule.since(it.now, every)))
     if it.plan.record or how.now:
         from ecology.observers.rerun import Recorded, RerunObserver, Viewers  # slow to load
-        from ecology.observers.viewer import LOOPBACK, SERVE_PORT, preferred_port
+        from ecology.observers.viewer import LOOPBACK
 
-        port = preferred_port(LOOPBACK, SERVE_PORT) if how.serve else 0
+        served = (LOOPBACK, None if how.serve else 0) if how.view or how.serve else None
         rerun = RerunObserver(
             it.folder / RECORDING if it.plan.record else None,
             every=it.plan.record_every,
-            viewers=Viewers((LOOPBACK, port) if how.view or how.serve else None, how.connect),
+            viewers=Viewers(served, how.connect),
             focus=how.focus,
             detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
             run=Recorded(it.folder.name, resume, it.born_and_died(), wishes, it.control),
         )
         observers.append(rerun)
-        if rerun.url is not None:
+        if served is not None:
             observers.append(Audience(it, rerun, wishes, how))
     return observers
 
@@ -145,7 +145,9 @@ class Audience:
 
         if how.view:
             needs_display("use --serve and look from a browser")
-        self.port = web_port(how.port) if how.serve else None
+        if how.port is not None:
+            web_port(how.port)  # one that is taken is told before anything is written
+        self._serves, self._port = how.serve, how.port
         self._run, self._rerun, self._wishes, self._view = it, rerun, wishes, how.view
         self._page: Page | None = None
         self._state: State | None = None
@@ -165,10 +167,11 @@ class Audience:
         assert source is not None
         if self._view:
             viewer.attach(source)
-        if self.port is not None:
+        if self._serves:
             name = self._run.folder.absolute().name
-            try:
-                self._page = Page(Shown([source], self.hear, desk=self), dt=env.dt, port=self.port, name=name)
+            try:  # at the usual port only now: another run that starts would find the same one free
+                port = web_port(self._port)
+                self._page = Page(Shown([source], self.hear, desk=self), dt=env.dt, port=port, name=name)
                 print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run goes on.", error)
