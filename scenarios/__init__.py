@@ -140,7 +140,7 @@ def _pickle_by_value(loaded: ModuleType, folder: Path) -> None:
     home = os.path.abspath(folder)
     beside = [
         other
-        for name, other in list(sys.modules.items())  # a thread may import something meanwhile
+        for name, other in sys.modules.copy().items()  # a thread may import something meanwhile
         if "." not in name and name != "__main__" and _folder_of(other) == home
     ]
     for each in (loaded, *beside):

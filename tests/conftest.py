@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,19 @@ Command = Callable[..., tuple[int, str, str]]  # words -> exit code, stdout, std
 LUCK = 1_000_003  # mixed in with the number that `--luck` gives, so that no seed becomes another one in use
 
 
+@contextlib.contextmanager
+def hearing(signum: signal.Signals) -> Iterator[None]:
+    """Let processes that are started meanwhile hear a signal, also where `nohup` or a shell has it ignored."""
+    if signal.getsignal(signum) is not signal.SIG_IGN:
+        yield
+        return
+    signal.signal(signum, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signum, signal.SIG_IGN)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options of these tests."""
     parser.addoption("--golden", action="store_true", help="write golden trajectories that are missing or have changed")
@@ -38,22 +53,40 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Mix the number that `--luck` gives into every seed that is made from now on in this process."""
+    """Mix the number that `--luck` gives into every seed that is made from now on in this process.
+
+    It goes into the spawn key, so that a seed's entropy, which worlds and runs record, stays what was given. The seeds
+    are plain ones: a copy of one in another process, or a child of it, is the same there.
+    """
+    config.addinivalue_line("markers", "one_seed(reason): holds for one seed by design; `--luck` skips it")
     luck = config.getoption("--luck")
     if not luck:
         return
-    plain, default_rng = np.random.SeedSequence, np.random.default_rng
+    plain, default_rng, mark = np.random.SeedSequence, np.random.default_rng, (LUCK, luck)
 
-    class SeedSequence(plain):  # type: ignore[valid-type, misc]
-        def __init__(self, entropy: Any = None, **words: Any) -> None:
-            mixed = entropy is None or (isinstance(entropy, tuple) and entropy[1:] == (luck, LUCK))
-            super().__init__(entropy if mixed else (entropy, luck, LUCK), **words)
+    class Mixing(type):
+        def __call__(cls, entropy: Any = None, *, spawn_key: Any = (), **words: Any) -> np.random.SeedSequence:
+            mixed = tuple(spawn_key[:2]) == mark
+            return plain(entropy, spawn_key=spawn_key if mixed else (*mark, *spawn_key), **words)
+
+        def __instancecheck__(cls, seed: Any) -> bool:
+            return isinstance(seed, plain)
+
+    class SeedSequence(plain, metaclass=Mixing):  # type: ignore[valid-type, misc]
+        pass
 
     def mixed_rng(seed: Any = None) -> np.random.Generator:
-        whole = isinstance(seed, (plain, np.random.BitGenerator, np.random.Generator, type(None)))
+        whole = isinstance(seed, (plain, np.random.BitGenerator, np.random.Generator))
         return default_rng(seed if whole else SeedSequence(seed))
 
     np.random.SeedSequence, np.random.default_rng = SeedSequence, mixed_rng  # type: ignore[misc, assignment]
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Skip tests of one seed where `--luck` gives them another."""
+    for item in items if config.getoption("--luck") else ():
+        for marker in item.iter_markers("one_seed"):
+            item.add_marker(pytest.mark.skip(reason=f"--luck: {marker.args[0]}"))
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -124,6 +124,7 @@ def test_islands_are_the_same_wherever_they_live(isles: str, whole: tuple[Path, 
     assert digest(tmp_path / "other") != same
 
 
+@pytest.mark.one_seed("the islands are lived by other processes")
 def test_processes_live_the_same_life(isles: str, whole: tuple[Path, list[str]], tmp_path: Path) -> None:
     """A process that is killed after the first exchange, and one in its place, come to the same bits."""
     hosts: list[ProcessHost] = []

@@ -144,6 +144,7 @@ class Watched(Ecology):
         self.notes = ["a"]
 
 
+@pytest.mark.one_seed("the fresh interpreter draws numbers of its own")
 def test_a_fresh_interpreter_goes_on(tmp_path, monkeypatch):
     """Every world with functions of its own, shipped or a user's of two files, goes on in a process without them."""
     folder, elsewhere = tmp_path / "mine", tmp_path / "elsewhere"

@@ -53,7 +53,7 @@ def twin(env):
 @pytest.mark.parametrize("walls", [True, False])
 def test_a_world_goes_on_without_anybody(walls):
     """With all dead, time, growth and arrivals go on; who arrives finds the world as it is."""
-    env = start(everything(walls=walls, hazard=Hazard(rate=1e3), arrival=0.0, birth=None))
+    env = start(everything(walls=walls, hazard=Hazard(rate=1e3), arrival=0.3, birth=None))
     env.put(alive=np.zeros(env.size, bool))
     rng = np.random.default_rng(0)
     arrived = 0

@@ -115,21 +115,29 @@ def test_fleeing_pays():
 
 
 def test_flight_is_found_where_it_is():
-    """Prey that flee are farther from predators than prey that do not, measured 0.9 to 1.7; the world is put back."""
-    env = Ecology(scenarios.load("predator_prey"))
-    tick, group = env.reset_arrays(0), env.groups["prey"]
-    before = env.state_view.copy()
-    fled, stayed = (
-        predation.flight(env, predation.Prey(group, SEED, np.full(group.size, flees), wary=2.0), tick, 250)
-        for flees in (True, False)
-    )
-    assert fled is not None
-    assert stayed is not None
-    assert fled["random"] == stayed["random"]
-    assert fled["difference"] == fled["learned"] - fled["random"]
-    assert fled["difference"] > stayed["difference"] + 0.3
-    for name, array in before.arrays().items():
-        assert np.array_equal(array, getattr(env.state_view, name)), name
+    """Prey that flee are farther from predators than prey that do not, measured 0.9 to 1.7; the world is put back.
+
+    The median of three seeds; one of nine was measured at 0.2.
+    """
+    env, farther = Ecology(scenarios.load("predator_prey")), []
+    group = env.groups["prey"]
+    for seed in range(3):
+        tick = env.reset_arrays(seed)
+        before = env.state_view.copy()
+        fled, stayed = (
+            predation.flight(
+                env, predation.Prey(group, SEED, np.full(group.size, flees), wary=2.0), tick, 200, seed=seed
+            )
+            for flees in (True, False)
+        )
+        assert fled is not None
+        assert stayed is not None
+        assert fled["random"] == stayed["random"]
+        assert fled["difference"] == fled["learned"] - fled["random"]
+        farther.append(fled["difference"] - stayed["difference"])
+        for name, array in before.arrays().items():
+            assert np.array_equal(array, getattr(env.state_view, name)), name
+    assert np.median(farther) > 0.3
     alive = env.state_view.alive.copy()
     alive[env.groups["predator"].slots] = False
     assert (

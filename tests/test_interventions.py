@@ -213,13 +213,16 @@ class Doer:
 
 @pytest.fixture
 def world(tmp_path):
-    """Return a file with the village, for runs of it."""
+    """Return a file with the village, where nobody is eaten and slots are left: who is named below is there."""
     tests = Path(__file__).parent
     file = tmp_path / "hamlet.py"
     file.write_text(
         f"import sys\nsys.path.insert(0, {str(tests)!r})\n\n\ndef build(ticks: int = {TICKS}):\n"
         '    """A village."""\n    import dataclasses\n\n    from observed import village\n\n'
-        "    return dataclasses.replace(village(1e9), ticks=ticks, measures={})\n"
+        "    world = village(1e9)\n    prey, predator = world.species\n"
+        "    prey = dataclasses.replace(prey, capacity=100)\n"
+        "    predator = dataclasses.replace(predator, actions=predator.actions[:3])\n"
+        "    return dataclasses.replace(world, species=(prey, predator), ticks=ticks, measures={})\n"
     )
     return file
 

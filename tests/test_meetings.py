@@ -369,6 +369,7 @@ def test_a_rule_draws_from_a_stream_of_its_own():
             "needs": (Need(name="food", set_point=2.0, noise=0.1, bounds=(0.0, 4.0)),),
             "birth": ecology.Birth(rate=0.1),
             "hazard": ecology.Hazard(rate=0.05),
+            "arrival": 0.5,
             "capacity": 8,
         }
         env = start(ruled(rule, **words))

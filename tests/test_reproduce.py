@@ -153,12 +153,16 @@ def test_short_cases_agree_with_their_closed_forms(name, tmp_path):
     assert all(row.says() == "agrees" for row in rows)
 
 
-def test_the_yardsticks_of_the_trap():
-    """Who rests starves with the first accident or without; who forages has no need to; who rescues feeds the other."""
+def test_the_yardsticks_of_the_trap(monkeypatch):
+    """Who rests starves with accidents or without; who forages lives on without; who rescues feeds the other."""
+    from ecology.scenarios import trap
+
     words = {"condition": "none"}
-    lives = {p: episodes.scripted("trap", words, p, 1, 2, 1500) for p in (rests, forages)}
-    assert max(lives[rests][0][0]) <= 1200  # at most 1 + 0.2 of energy, 0.001 a tick
-    assert lives[forages][0][0] == [1500, 1500]
+    for accident in (trap.ACCIDENT, 0.0):
+        monkeypatch.setattr(trap, "ACCIDENT", accident)
+        lives, _ = episodes.scripted("trap", words, rests, 1, 2, 1500)
+        assert max(lives[0]) <= 1200  # at most 1 + 0.2 of energy, 0.001 a tick
+    assert episodes.scripted("trap", words, forages, 1, 2, 1500)[0] == [[1500, 1500]]
     for policy, helped in ((forages, False), (rescues, True)):
         env = Ecology(scenarios.load("trap"))
         env.reset_arrays(0)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from conftest import PATIENCE
+from conftest import PATIENCE, hearing
 from runs import (
     cli,
     files_of,
@@ -34,16 +34,20 @@ def test_a_stopped_run_is_readable_and_goes_on(tmp_path: Path, signum: signal.Si
     out = tmp_path / "mine"
     config = tmp_path / "config.toml"
     config.write_text("checkpoint_every = 100")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "ecology.lab.cli", "run", "paper", "--learner", "random", "--ticks", "10000000",
-         "--config", str(config), "--out", str(out)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    with hearing(signum):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "ecology.lab.cli", "run", "paper", "--learner", "random", "--ticks", "10000000",
+             "--config", str(config), "--out", str(out)],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
     until = time.monotonic() + PATIENCE
     while not lived(out) and process.poll() is None and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
-    said, errors = process.communicate(timeout=PATIENCE)
+    try:
+        said, errors = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
     assert process.returncode == 128 + signum, errors
     assert "Traceback" not in errors
     assert f"--resume {out}" in said
@@ -98,6 +102,7 @@ def test_resuming_needs_more_ticks(crowd: Callable[..., Run], capsys: pytest.Cap
     assert "--seed" in capsys.readouterr().err
 
 
+@pytest.mark.one_seed("a part of the run is lived by another process")
 def test_a_killed_run_goes_on_whenever_it_was_killed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is left at any time can be gone on with, to the same end: config alone, tick 0, no summary."""
     words = ("--learner", "random", "--ticks", "40", "--quiet")

@@ -96,7 +96,9 @@ def test_the_summary_says_of_what_and_by_whom_they_died(tmp_path: Path) -> None:
 
 def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However often two blocks became one, also after resuming, the summary is that of every tick."""
-    text = CROWD.replace("count=12", "count=3, capacity=12, birth=Birth(rate=0.01), hazard=Hazard(rate=0.01)")
+    text = CROWD.replace(
+        "count=12", "count=3, capacity=12, birth=Birth(rate=0.01), arrival=0.5, hazard=Hazard(rate=0.02)"
+    )
     (tmp_path / "growing.py").write_text(text.replace("Arena,", "Arena, Birth, Hazard,"))
 
     def plan(ticks: int) -> Plan:

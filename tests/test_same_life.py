@@ -28,6 +28,7 @@ def lived_with(environment: dict[str, str], *lives: str) -> dict[str, str]:
     return dict(line.split() for line in done.stdout.splitlines())
 
 
+@pytest.mark.one_seed("the digests are of one life")
 @pytest.mark.parametrize("life", LIVES)
 def test_a_life_is_the_same_here(life: str) -> None:
     """World and learners come to the same bits as where the digest was taken.

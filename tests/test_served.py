@@ -120,6 +120,7 @@ def test_costly_samples_are_taken_while_somebody_watches(tmp_path: Path, monkeyp
         observer.end()
 
 
+@pytest.mark.one_seed("the run that is served is lived by another process")
 def test_hostile_viewers_change_nothing(tmp_path: Path) -> None:
     """300 connections that read nothing, in a run that may open few files: it lives as one that is not served."""
     code = f"""

@@ -16,7 +16,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from conftest import PATIENCE
+from conftest import PATIENCE, hearing
 
 from ecology import EcologyError
 from ecology.lab.cli import main
@@ -192,6 +192,7 @@ def test_a_finished_run_is_never_run_twice(sweep: Sweep, quick: list[str]) -> No
     assert json.loads((folder / "summary.json").read_text())["mean_drive"] == summary["mean_drive"]
 
 
+@pytest.mark.one_seed("runs of a sweep are lived by other processes")
 def test_what_was_learned_is_measured_after_the_run(sweep: Sweep) -> None:
     """With --evaluate the table holds the drive that `ecology evaluate` finds; what is lived is not lived again."""
     assert sweep("--seeds", "0")[0] == 0
@@ -348,17 +349,21 @@ def _alive(marker: str) -> list[int]:
 def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, signum: signal.Signals) -> None:
     """Ctrl-C stops the runs, keeps what is finished and its table; where the sweep is killed, its runs stop too."""
     out = tmp_path / "out"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "ecology.lab.cli", "sweep", "world.py", "--out", str(out), "--seeds", "0:3",
-         "--set", "ticks=60,3000000", "--workers", "2"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    with hearing(signum):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "ecology.lab.cli", "sweep", "world.py", "--out", str(out), "--seeds", "0:3",
+             "--set", "ticks=60,3000000", "--workers", "2"],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
     long = [out / f"runs/ticks=3000000_seed={seed}" for seed in range(2)]
     until = time.monotonic() + PATIENCE
     while not all((each / "checkpoint").exists() for each in long) and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
-    said, errors = process.communicate(timeout=PATIENCE)
+    try:
+        said, errors = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
     while _alive(str(out)) and time.monotonic() < until + 20:
         time.sleep(0.05)
     assert not _alive(str(out))

@@ -205,7 +205,7 @@ def modules(file: Path) -> set[Path]:
                 if path not in found:
                     found.add(path)
                     waiting.append(path)
-    for name, module in list(sys.modules.items()):  # imported by a name that is not written out
+    for name, module in sys.modules.copy().items():  # imported by a name that is not written out
         path = Path(getattr(module, "__file__", None) or "")
         if path in _files_of(folder, name):
             found.add(path)
