@@ -294,6 +294,6 @@ def test_what_the_project_or_a_library_raises_is_no_users_fault(
     assert f"{__file__}, line " in str(faults.user_fault(error))
     assert error.__traceback__ is not None
     assert faults.user_fault(error.with_traceback(error.__traceback__.tb_next)) is None
-    monkeypatch.setattr(physiology, "live", None)
+    monkeypatch.setattr(physiology, "advance", None)
     with pytest.raises(TypeError):
         main(["run", "world.py", "--no-record", "--quiet"])

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology.agents.hjb.plan import best_plan
 from ecology.agents.movements import ARRIVES
 from ecology.decision import Decision, Plan
 
@@ -99,9 +98,11 @@ class DecisionRecord:
     def plan(self, slot: int) -> Plan | None:
         """Return the best plan of the agent in `slot` where it last decided, by what it knows now."""
         under = self.learner.execution
-        return (
-            None if under.movement[slot] < 0 else best_plan(self.learner, slot, under.began[slot], under.was_open[slot])
-        )
+        if under.movement[slot] < 0:
+            return None
+        from ecology.agents.hjb.plan import best_plan  # it loads torch, which takes seconds
+
+        return best_plan(self.learner, slot, under.began[slot], under.was_open[slot])
 
     def weigh(self, slot: int, zeta: np.ndarray, mask: np.ndarray) -> Decision:
         """Return what the agent in `slot` would decide at zeta (D,) with the actions of `mask` (A,) open.

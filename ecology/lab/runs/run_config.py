@@ -306,10 +306,12 @@ def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None) -> 
 
 def _check_device(device: str, learners: Iterable[str]) -> None:
     """Raise EcologyError where it is no device, or none of the learners computes on one."""
+    if device == "cpu":
+        return
     from ecology.agents.hjb import devices  # slow to load
 
     devices.check(device)
-    if device != "cpu" and not any(agents.learner_class(name).devices for name in learners):
+    if not any(agents.learner_class(name).devices for name in learners):
         able = [name for name in agents.LEARNERS if agents.learner_class(name).devices]
         raise EcologyError(
             f"the learner {' and '.join(map(repr, sorted(learners)))} computes on the CPU alone, "
