@@ -86,7 +86,7 @@ def ran() -> list[str]:
 
 
 LIVING_ON = (
-    ("evaluate", "run", "--ticks", "20"),
+    ("evaluate", "run", "--ticks", "20", "--places", "1"),
     ("fork", "run", "--at", "10", "--out", "forked"),
     ("run", "--resume", "run", "--ticks", "30"),
     ("run", "--config", "run/config.toml", "--out", "again"),
