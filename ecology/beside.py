@@ -19,7 +19,7 @@ def importable_beside(path: Path) -> Iterator[None]:
     folder = str(path.absolute().parent)
     others = tuple(f"{other}{os.sep}" for other in _folders if other != folder)
     here = _names_in(folder) if others else set()
-    for name, module in sys.modules.copy().items():  # garbage that is collected meanwhile may import
+    for name, module in sys.modules.copy().items():  # a copy: garbage collection may import meanwhile
         if name.partition(".")[0] in here - {"ecology"} and str(getattr(module, "__file__", None)).startswith(others):
             del sys.modules[name]
     if folder not in sys.path:

@@ -79,11 +79,11 @@ def _sort_into_cells(
 def pairs_within(
     points: Floats, alive: Bools, low: Floats, size: Floats, period: Floats, radius: float, room: int
 ) -> tuple[Ints, Ints, Floats, Floats, Ints]:
-    """Return who, other (P,), gap (P, 2) and distance (P,) of all pairs of living points (n, 2) at most `radius` apart.
+    """Return all pairs of living points (n, 2) at most `radius` apart: the fields of `Pairs`.
 
-    By who, and for each the nearest first, ties by index; with them where those of each start, (n + 1,). A grid of
-    cells at least `radius` wide is searched; on a torus the radius must be at most a third of the size, else every
-    pair is looked at. `room` is for how many pairs room is made at first.
+    Pairs are sorted by who, then by distance, then by index. The search uses a grid of cells at least `radius` wide;
+    on a torus whose size is less than three radii, it compares every pair. `room` is the number of pairs for which
+    memory is allocated at first.
     """
     n, (period_x, period_y), torus = len(points), (period[0], period[1]), period[0] > 0.0
     nx = int(min(max(size[0] / radius, 1.0), math.sqrt(n) + 1.0))

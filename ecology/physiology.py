@@ -284,7 +284,7 @@ def keep_within(
 def account(
     alive: Bools, before: Floats, taken: Floats, after: Floats, kept: Floats, metabolised: Floats, lost: Floats
 ) -> None:
-    """Book what became of x: add to `metabolised` and `lost`, before + taken - metabolised - lost = kept, (N, V) each.
+    """Add to `metabolised` and `lost` so that before + taken - metabolised - lost = kept; all are (N, V).
 
     x went from `before` to `after` by f and g and what was `taken` from outside.
     """

@@ -366,7 +366,7 @@ class Past:
         self._expected: deque[tuple[int, float]] = deque()  # tick and time
 
     def follow(self, serial: int, tick: int, drive: float) -> None:
-        """Take in the drive of a tick, once however often it is shown; another life begins anew."""
+        """Add the drive of a tick, once even if the tick is shown again; start over with another life."""
         if serial == self._serial and tick == self._tick:
             return
         self._tick = tick

@@ -175,7 +175,7 @@ def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
     whose = f"the {name} then in focus" if name in scene.chosen else scene.who(name)
     species = scene.scenario.species[scene.groups[name].index]
     worst = ", ".join(species.needs[i].name for i in maps.mapped_needs(species))
-    # the titles of narrow maps are cut off: here is room
+    # narrow maps cut off their titles; there is room here
     return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}, dark is low: now | at their worst: {worst}")]
 
 

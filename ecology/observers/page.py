@@ -52,14 +52,14 @@ HOSTS = (LOOPBACK, "localhost")
 
 @dataclass(frozen=True)
 class Shown:
-    """What a page shows, and who hears of clicks."""
+    """What a page shows, and who is told of clicks."""
 
     sources: Sequence[str]  # what the viewer opens: addresses of runs that serve, or names of `files`
-    # is given every click, in any thread; a recording that it returns is added to what is shown, words are told
+    # called with every click, in any thread; a recording that it returns is added to the viewer, a text is displayed
     hear: Callable[[Click], bytes | str | None]
     files: Mapping[str, Path] = field(default_factory=dict)  # recordings
     desk: Desk | None = None  # takes orders for a run that is alive; a recording has none
-    named: Callable[[str], bytes | str | None] | None = None  # is given names of agents, where there is no desk
+    named: Callable[[str], bytes | str | None] | None = None  # called with names of agents, where there is no desk
 
 
 class Page:

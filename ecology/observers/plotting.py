@@ -67,11 +67,11 @@ __all__ = [
 ]
 
 ENDINGS = (".svg", ".pdf")  # of the files beside a PNG, for papers
-# Okabe and Ito (2008), without the light colours that white paper swallows
+# Okabe and Ito (2008), without the colours that are too light on white
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
 MARKERS = ("o", "^", "s", "D", "v", "P", "X")
 LINES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), "-.", (0, (7, 1.5, 1.5, 1.5, 1.5, 1.5)))
-ASIDE = 0.015  # by which the dots of seeds stand beside their mean, as a share of the range of x
+ASIDE = 0.015  # offset of the dots of seeds from their mean, as a share of the range of x
 
 
 @dataclass(frozen=True)

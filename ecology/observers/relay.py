@@ -28,8 +28,8 @@ PATIENCE = 5.0  # seconds granted to a viewer elsewhere when the run ends
 STARTING = 60.0  # seconds granted to the process to begin
 MEMORY = "256MB"  # of history kept for viewers that attach late
 CONNECT, SERVE = "connect", "serve"  # to a viewer, or viewers that attach
-READY = b"+"  # is said when viewers can attach, or before the one elsewhere is looked for
-WATCHED, ALONE = b"1", b"0"  # are said when the first viewer attaches, and when the last leaves
+READY = b"+"  # sent when viewers can attach, or before connecting to the one elsewhere
+WATCHED, ALONE = b"1", b"0"  # sent when the first viewer attaches, and when the last one leaves
 
 log = logging.getLogger("ecology")
 
@@ -67,7 +67,7 @@ class Relay:
             self._tell("cannot be served")
 
     def _listen(self) -> None:
-        """Take from the process whether it is ready, and whether a viewer is attached."""
+        """Read from the process whether it is ready, and whether a viewer is attached."""
         pipe = self._process.stdout
         assert pipe is not None
         while said := pipe.read(1):
@@ -97,7 +97,7 @@ class Relay:
     def close(self) -> None:
         """Give the viewer `PATIENCE` seconds to take what waits, once the process has begun, then leave."""
         self._waiting.put(None)
-        self._is_ready()  # a short run on a busy machine ends before
+        self._is_ready()  # a short run on a busy machine ends before the process has started
         self._thread.join(PATIENCE)
         try:
             self._process.wait(0.1 if self._thread.is_alive() else PATIENCE)

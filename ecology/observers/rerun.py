@@ -58,7 +58,8 @@ DETAILS = ("full", "lean")
 class Viewers:
     """Where viewers see a world while it lives."""
 
-    # host and port where they may attach; port 0 takes a free one at once, None the usual or a free one at the start
+    # host and port where they may attach; port 0 picks a free one at once, None the usual one, or else a free one,
+    # when the run starts
     serve: tuple[str, int | None] | None = None
     connect: str | None = None  # rerun+http://HOST:PORT/proxy of one elsewhere, which must be open already
 
@@ -69,10 +70,10 @@ class Recorded:
 
     name: str | None = None  # the scenario's without
     resume: bool = False  # continue the file
-    before: tuple[Sequence[int], Sequence[int]] | None = None  # who was born and died by now, by species
+    before: tuple[Sequence[int], Sequence[int]] | None = None  # births and deaths so far, by species
     wishes: Wishes | None = None  # for another focus
-    # of its pace, where somebody may set it: is told of decisions and of what was sent. Where it makes the run slow,
-    # more ticks are sampled, so that every picture is of the present
+    # of its pace, if anyone may set it: is told of decisions and of what was sent. Where it slows the run down, more
+    # ticks are sampled, so that every picture is current
     control: Control | None = None
 
 
@@ -114,8 +115,7 @@ class RerunObserver:
             f"a recording's detail is one of {', '.join(DETAILS)}; got {detail!r}.",
         )
         self._path = Path(path) if path is not None else None
-        self._every, self._maps_every, self._detail = every, maps_every, detail
-        self._asked, self._run, self._resume = tuple(focus), run, run.resume
+        self._how, self._run, self._asked = Sampling(run.name or "", every, maps_every, detail), run, tuple(focus)
         self._wishes, self._control = run.wishes or Wishes(), run.control
         require(
             self._path is None or run.resume or not self._path.exists(),
@@ -165,7 +165,7 @@ class RerunObserver:
             minds,
             asked=self._asked,
             before=self._run.before,
-            how=Sampling(self._run.name or env.scenario.name, self._every, self._maps_every, self._detail),
+            how=self._how._replace(run=self._how.run or env.scenario.name),
             watched=self._is_watched,
         )
         self._scene = self._sampler.scene
@@ -188,7 +188,7 @@ class RerunObserver:
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
-        sampled = state.tick % self._every == 0 or self._is_slow()
+        sampled = state.tick % self._how.every == 0 or self._is_slow()
         turned = sampled and self._heed(state)
         look = self._sampler.watch(state, tick, sampled=sampled, turned=turned)
         if self._control and self._sampler.has_decided(state):
@@ -217,6 +217,11 @@ class RerunObserver:
         self._samples.append(sample)
         self._shown = look.state.tick
 
+    def _sample_between(self, look: Watch) -> None:
+        """Take a sample where none is due."""
+        self._sampler.follow(look)
+        self._sample(look)
+
     def intervened(self, state: State, text: str, said: str) -> None:
         """Note what was done from outside: an event."""
         self._sampler.deeds.append((state.tick, state.time, said))
@@ -230,9 +235,7 @@ class RerunObserver:
         if told and not (turned or fresh or self._sampler.deeds):
             return
         self._sampler.refocus(state, anew=turned)
-        look = self._sampler.look(state, turned=turned, waits=True)
-        self._sampler.follow(look)
-        self._sample(look)
+        self._sample_between(self._sampler.look(state, turned=turned, waits=True))
         self._send()
 
     def _is_watched(self) -> bool:
@@ -276,7 +279,7 @@ class RerunObserver:
         asked = [each for each in asked if not each.startswith("no ")]
         first = self._sampler.shown_first
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
-        how = Sampling(name, self._every, self._maps_every, self._detail)
+        how = self._how._replace(run=name)
         self._side = Side(how, tuple(asked), self._opened, watched=self._is_watched)
         self._scene.fork = name
         self._futures = Futures(self._scene)
@@ -289,12 +292,10 @@ class RerunObserver:
         self._lay_out()
 
     def flush(self) -> None:
-        """Write the samples at hand, at a checkpoint, with one of this tick: what was noted up to it is in the file."""
+        """Write the samples so far at a checkpoint, with one of this tick, so that the file lacks nothing up to it."""
         state = self._env.state_view
         if state.tick != self._shown:
-            look = self._sampler.look(state)
-            self._sampler.follow(look)
-            self._sample(look)
+            self._sample_between(self._sampler.look(state))
         self._send()
         self._write()
 
@@ -327,10 +328,10 @@ class RerunObserver:
             return False
         self._target, identity, layout = self._path, None, True
         unfinished(self._path).unlink(missing_ok=True)
-        if self._resume and (tick == 0 or not (self._path.exists() and self._path.stat().st_size)):
+        if self._run.resume and (tick == 0 or not (self._path.exists() and self._path.stat().st_size)):
             for part in stretches(self._path):  # the run was killed before its first checkpoint: it begins anew
                 part.unlink()
-        if self._resume and self._path.exists():
+        if self._run.resume and self._path.exists():
             self._target, identity, layout = continued(self._path, tick, self._scene.application)
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)

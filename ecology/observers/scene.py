@@ -63,7 +63,7 @@ class Scene:
 
     @property
     def alone(self) -> bool:
-        """Return whether there is one agent and never another: what is said of a population is said of it already."""
+        """Return whether the world holds a single agent: panels about a population would repeat its own."""
         return sum(group.size for group in self.groups.values()) == 1
 
     @property

@@ -100,7 +100,7 @@ def make_observers(it: Run, watching: Watching | None = None, *, resume: bool) -
     observers: list[Observer] = []
     if how.focus and not (it.plan.record or how.now):
         raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
-    Focus.of(it.env, how.focus)  # whom nobody can be is told before anything is written
+    Focus.of(it.env, how.focus)  # an unknown agent is refused before anything is written
     wishes = Wishes(it.folder)
     if how.serve:
         it.control = Control(paused=how.paused, pace=how.pace, patient=how.patient)
@@ -146,7 +146,7 @@ class Audience:
         if how.view:
             needs_display("use --serve and look from a browser")
         if how.port is not None:
-            web_port(how.port)  # one that is taken is told before anything is written
+            web_port(how.port)  # a taken port is refused before anything is written
         self._serves, self._port = how.serve, how.port
         self._run, self._rerun, self._wishes, self._view = it, rerun, wishes, how.view
         self._page: Page | None = None

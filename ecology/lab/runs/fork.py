@@ -26,7 +26,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class Change:
-    """What is another in a fork."""
+    """What differs in a fork."""
 
     settings: Mapping[str, Any] = field(default_factory=dict)  # of the scenario and of learners
     remove: Sequence[str] = ()  # names of agents
