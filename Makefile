@@ -67,6 +67,7 @@ docs: install
 
 # executes the notebooks and keeps their output
 notebooks: install
+	$(BIN)/python -m pip install --quiet $(PIP_FLAGS) -c constraints.txt -e '.[notebooks]'
 	$(BIN)/python docs/execute.py
 
 # the page of a served run, touched by a real browser; needs a Chromium; some minutes

@@ -276,8 +276,7 @@ def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
         raise EcologyError(
             f"actions must be {model.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
         )
-    found = np.where(state.alive, actions, 0).astype(np.int64, copy=False)
-    bad = first_unknown(found, model.choices)
+    found, bad = known_choices(state.alive, actions.astype(np.int64, copy=False), model.choices)
     if bad >= 0:
         raise EcologyError(
             f"the action of {model.name_of(bad, state.serial)} must be a whole number from 0 to "
@@ -286,14 +285,15 @@ def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
     return found
 
 
-def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: dict[str, Ints]) -> dict[str, Bools]:
+def open_actions(
+    model: Model, state: State, bodies: Bodies, here: Ints, toward: Ints, targets: dict[str, Ints]
+) -> dict[str, Bools]:
     """Return A_zeta by species, which actions are open, (n, A).
 
     Thresholds of the body close actions; consume is open where there is a patch `here` (N, K) of its resource, go_to
     where one leads `toward` (N, K) another, bite and give where there is a target (n, A), all -1 without; an action
     that still immobilises is the only one open. A dead slot has no open action.
     """
-    bodies = state.bodies()
     masks = {
         group.name: open_masks(
             group.slots.start, bodies, state.internal, here, toward, targets[group.name], table.conditions
@@ -334,12 +334,18 @@ def close_uncued(model: Model, state: State, masks: dict[str, Bools]) -> None:
 
 
 @compiled
-def first_unknown(actions: Ints, counts: Ints) -> int:
-    """Return the first slot whose action (N,) is no index into its `counts` (N,) actions, -1: all are."""
+def known_choices(alive: Bools, actions: Ints, counts: Ints) -> tuple[Ints, int]:
+    """Return the `actions` (N,) of the living, 0 of the dead, and the first slot whose is none of its `counts` (N,).
+
+    -1 where all are known.
+    """
+    found, unknown = np.zeros(len(actions), np.int64), -1
     for i in range(len(actions)):
-        if actions[i] < 0 or actions[i] >= counts[i]:
-            return i
-    return -1
+        if alive[i]:
+            found[i] = actions[i]
+            if unknown < 0 and (actions[i] < 0 or actions[i] >= counts[i]):
+                unknown = i
+    return found, unknown
 
 
 @compiled

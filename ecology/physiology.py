@@ -34,6 +34,14 @@ class Form(NamedTuple):
         return Form(self.below[which], self.above[which], self.power[which])
 
 
+class Ledger(NamedTuple):
+    """What went through each need, (n, V), in a tick and since birth."""
+
+    taken: Floats  # from outside, in this tick
+    metabolised: Floats  # since birth
+    lost: Floats  # at the bounds, since birth
+
+
 @dataclass(frozen=True)
 class Body:
     """The constants of every slot's body, one row per slot; padding columns stay at zero."""
@@ -236,9 +244,10 @@ def commit(model: Model, state: State, internal: Floats, taken: Floats, died: Bo
     `taken` (N, V) came from outside in the tick; agents that `died` (N,) keep what they had before it.
     """
     state.own("metabolised", "lost", "age", "hold")
-    alive, before = state.alive, state.internal
-    state.internal, state.alive = keep_within(alive, died, before, internal, model.body.low, model.body.high)
-    account(alive, before, taken, internal, state.internal, state.metabolised, state.lost)
+    ledger = Ledger(taken, state.metabolised, state.lost)
+    state.internal, state.alive = settle(
+        state.alive, died, state.internal, internal, model.body.low, model.body.high, ledger
+    )
     pass_time(state.alive, state.age, state.hold, model.dt)
 
 
@@ -264,35 +273,25 @@ def _beyond(body: Body, internal: Floats) -> Bools:
 
 
 @compiled
-def keep_within(
-    alive: Bools, died: Bools, before: Floats, after: Floats, low: Floats, high: Floats
+def settle(
+    alive: Bools, died: Bools, before: Floats, after: Floats, low: Floats, high: Floats, ledger: Ledger
 ) -> tuple[Floats, Bools]:
     """Return x (N, V) kept within its bounds, the organism's automatic regulation, and who lives on (N,).
 
-    One that dies, or is dead, keeps what it was `before`.
+    x went from `before` to `after` by f and g and what was taken from outside. One that dies, or is dead, keeps what it
+    was before. The ledger of those that were alive is kept: before + taken - metabolised - lost = x.
     """
+    taken, metabolised, lost = ledger
     kept, lives = before.copy(), np.empty(len(alive), np.bool_)
     for i in range(len(alive)):
         lives[i] = alive[i] and not died[i]
-        if lives[i]:
-            for v in range(before.shape[1]):
-                kept[i, v] = min(max(after[i, v], low[i, v]), high[i, v])
-    return kept, lives
-
-
-@compiled
-def account(
-    alive: Bools, before: Floats, taken: Floats, after: Floats, kept: Floats, metabolised: Floats, lost: Floats
-) -> None:
-    """Add to `metabolised` and `lost` so that before + taken - metabolised - lost = kept; all are (N, V).
-
-    x went from `before` to `after` by f and g and what was `taken` from outside.
-    """
-    for i in range(len(alive)):
         if alive[i]:
             for v in range(before.shape[1]):
+                if lives[i]:
+                    kept[i, v] = min(max(after[i, v], low[i, v]), high[i, v])
                 metabolised[i, v] += before[i, v] + taken[i, v] - after[i, v]
                 lost[i, v] += after[i, v] - kept[i, v]
+    return kept, lives
 
 
 @compiled

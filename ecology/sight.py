@@ -62,15 +62,16 @@ def eyes_now(model: Model, state: State) -> Eyes:
     return model.eyes._replace(range=far * (share if state.sight is None else share * state.sight))
 
 
-def find_patches(model: Model, state: State, eyes: Eyes, offered: Bools) -> tuple[Bools, Bools, Ints, Ints, Ints]:
+def find_patches(
+    model: Model, state: State, eyes: Eyes, bodies: Bodies, offered: Bools
+) -> tuple[Bools, Bools, Ints, Ints, Ints]:
     """Return where the patches are from each body; see `around`.
 
     A patch is seen within the angle and the range of the view field, with no wall between. `offered` (R,) are patches
-    that can be consumed. An agent that has arrived at a patch is bound for it no more.
+    that can be consumed. An agent that has arrived at a patch is bound for it no more, which is written to `bodies`.
     """
-    state.own("bound_for")
     table, kinds, period = model.resources, len(model.scenario.resources), model.plane.period
-    return around(eyes, state.bodies(), state.resource_position, table.radius, table.kind, offered, kinds, period)
+    return around(eyes, bodies, state.resource_position, table.radius, table.kind, offered, kinds, period)
 
 
 # ---- compiled loops ----------------------------------------------------------------------------

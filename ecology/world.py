@@ -181,14 +181,16 @@ class ArrayWorld:
         """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
         model = self.model
         offered, eyes = resources.offered(state.stock, state.available), sight.eyes_now(model, state)
-        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, offered)
+        state.own("bound_for")
+        bodies = state.bodies()
+        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, bodies, offered)
         if model.appearing is not None and model.appearing.comes:
             there = ~appearing.absent(model, state.stock)
             state.inside, state.seen = state.inside & there, state.seen & there
         pairs = neighbours.find(model.plane, state.position, state.alive, model.near, last) if model.near else None
         targets = meetings.aim(model, state, pairs)
         empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
-        masks = actions.open_actions(model, state, here, toward, targets)
+        masks = actions.open_actions(model, state, bodies, here, toward, targets)
         hauling.close_actions(model, state, here, masks)
         return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes)
 

@@ -187,6 +187,20 @@ def ecology(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return type_
 
 
+@pytest.fixture(autouse=True)
+def png_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let this process write figures once, not as SVG and PDF too, which takes three times as long."""
+    monkeypatch.setattr("ecology.observers.plotting.ENDINGS", ())
+
+
+@pytest.fixture
+def quick_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let evaluations in this process live no baselines, and follow no future for long."""
+    monkeypatch.setattr("ecology.agents.evaluation.BASELINES", ())
+    monkeypatch.setattr("ecology.agents.evaluation.horizon", lambda *_: 10)
+    monkeypatch.setattr("ecology.agents.evaluation.LONGEST", 10)
+
+
 @pytest.fixture
 def short(ecology: Command) -> Command:
     """Return a short run with a learner that needs no time, and more words."""

@@ -33,9 +33,8 @@ def test_evaluate_measures_and_draws(short: Command, ecology: Command) -> None:
     assert "'agent'" in err
 
 
-def test_an_evaluation_is_replaced_by_its_like_alone(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_evaluation_is_replaced_by_its_like_alone(ecology: Command, quick_evaluation: None) -> None:
     """Other ticks, places, seeds and devices are refused, with what is there; --again and the same words replace it."""
-    monkeypatch.setattr("ecology.agents.evaluation.BASELINES", ())
     run = ("run", "predator_prey", "--ticks", "30", "--learner", "random", "--no-record", "--quiet", "--out", "mine")
     assert ecology(*run, "--set", "prey=3", "--set", "predators=2")[0] == 0
     evaluate = ("evaluate", "mine", "--quiet", "--places", "1", "--ticks")
@@ -65,9 +64,8 @@ def test_an_evaluation_is_replaced_by_its_like_alone(ecology: Command, monkeypat
     assert Path("mine/evaluation.json").read_text() == "[]"
 
 
-def test_every_species_has_an_evaluation_of_its_own(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_species_has_an_evaluation_of_its_own(ecology: Command, quick_evaluation: None) -> None:
     """That of a species other than the first lies in a folder of its name within the run's, in every world."""
-    monkeypatch.setattr("ecology.agents.evaluation.BASELINES", ())
     run = ("run", "predator_prey", "--ticks", "30", "--learner", "random", "--no-record", "--quiet", "--out", "mine")
     assert ecology(*run, "--set", "prey=3", "--set", "predators=2")[0] == 0
     evaluate = ("evaluate", "mine", "--quiet", "--places", "1", "--ticks", "50")

@@ -39,8 +39,9 @@ def run_python(code: str, folder: Path, backend: str) -> str:
 def test_commands_draw_when_a_notebook_starts_them(tmp_path: Path) -> None:
     """A backend that this Python does not have stops no command that draws."""
     run_python(COMMANDS, tmp_path, NOTEBOOK)
-    drawn = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.suffix in (".png", ".gif")}
-    assert {"r/figures/internal_states.png", "r/figures/baselines.png", "r/film.gif", "s/sweep.png"} <= drawn
+    drawn = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert {"r/figures/internal_states.png", "r/film.gif", "s/sweep.png", "s/sweep.svg"} <= drawn
+    assert {f"r/figures/baselines{ending}" for ending in (".png", ".svg", ".pdf")} <= drawn
 
 
 @pytest.mark.parametrize("backend", [NOTEBOOK, "no-such-backend"])

@@ -95,7 +95,9 @@ LIVING_ON = (
 
 @pytest.mark.parametrize("words", LIVING_ON, ids=lambda words: f"{words[0]} {words[1]}")
 @pytest.mark.parametrize("place", ["in place", "current", "kept"])
-def test_what_lives_on_asks_first(stranger: Command, words: tuple[str, ...], place: str) -> None:
+def test_what_lives_on_asks_first(
+    stranger: Command, words: tuple[str, ...], place: str, quick_evaluation: None
+) -> None:
     """Nothing is run, and every file is named with its digest; with --trust it is run, and known from then on."""
     words = (*words, *(("--source", place) if place != "in place" else ()))
     code, err = stranger(*words)

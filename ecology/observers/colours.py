@@ -141,7 +141,7 @@ class Top:
 @functools.cache
 def scale(name: str) -> np.ndarray:
     """Return the colour scale `name` as uint8 (SHADES, 3), dark to bright; what does not stand out is left out."""
-    from ecology.observers.plotting import colormaps  # slow to load
+    from ecology.observers.colour_scales import colormaps  # slow to load
 
     return (colormaps[name](np.linspace(DARKEST.get(name, 0.1), 1.0, SHADES))[:, :3] * 255).round().astype(np.uint8)
 

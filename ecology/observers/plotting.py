@@ -1,15 +1,11 @@
 """Matplotlib for files and arrays: no window, no pyplot, whatever backend the surroundings ask for; styles of series.
 
-The only module that imports matplotlib. A notebook sets MPLBACKEND for the commands that its cells start, to a backend
-that this Python may not have; matplotlib then cannot be imported.
+Only this module and `colour_scales`, which is quick to load, import matplotlib.
 """
-# ruff: noqa: E402  (matplotlib is first imported by a function)
+# ruff: noqa: I001  (`colour_scales` comes first: it imports matplotlib safely)
 
 from __future__ import annotations
 
-import contextlib
-import os
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,24 +13,7 @@ from typing import Any
 
 import numpy as np
 
-
-def _import_matplotlib() -> None:
-    """Import matplotlib with any MPLBACKEND; one that can be used still holds for the user's own plots."""
-    backend = os.environ.pop("MPLBACKEND", None)
-    try:
-        import matplotlib
-    finally:
-        if backend is not None:
-            os.environ["MPLBACKEND"] = backend
-    if backend:
-        with contextlib.suppress(ValueError):
-            matplotlib.rcParams["backend"] = backend
-
-
-if "matplotlib" not in sys.modules:
-    _import_matplotlib()
-
-from matplotlib import colormaps
+from ecology.observers.colour_scales import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
