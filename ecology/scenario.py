@@ -14,7 +14,7 @@ from ecology.ground.outline import polygon_of
 from ecology.meetings import Rule
 from ecology.powers import check_memory
 from ecology.resources import consumers, too_far
-from ecology.senses import SENSES, layout
+from ecology.senses import PARAMETRIC, SENSES, layout
 from ecology.spec import (
     Action,
     Arena,
@@ -219,6 +219,11 @@ class Scenario:
             require(name in resources, f"{owner}: carries names the resource {name!r}. {nearest(name, resources)}")
         for sense in species.senses:
             if not isinstance(sense, str):
+                require(
+                    type(sense) in PARAMETRIC,
+                    f"{owner}: no sense has the parameters {type(sense).__name__}; add it to "
+                    "ecology.senses.zeta.PARAMETRIC.",
+                )
                 continue
             if sense not in SENSES:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")

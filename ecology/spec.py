@@ -759,8 +759,12 @@ class Exposure:
         )
 
 
+class SenseSpec:
+    """Base class of the parameters of a sense; `ecology.senses.zeta.PARAMETRIC` has the sense of each."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class Gauge:
+class Gauge(SenseSpec):
     """The sense of a field where one is: its value, and its gradient along one's heading and to the left of it."""
 
     field: str
@@ -776,7 +780,7 @@ class Gauge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rays:
+class Rays(SenseSpec):
     """The sense of walls: distances to the nearest one along `count` rays, evenly over `spread` around the heading.
 
     The first ray is the one farthest to the right. Closed doors are walls; on a torus there are none.
@@ -795,7 +799,7 @@ class Rays:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hearing:
+class Hearing(SenseSpec):
     """The sense of signals on a channel: content, distance and bearing of the nearest other that sends.
 
     An action sends by `emits`, in the tick in which it is executed. Walls do not stop a signal.
@@ -812,7 +816,7 @@ class Hearing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trace:
+class Trace(SenseSpec):
     """The sense of a fading memory: the last large value of a component of zeta, times exp(-rate t) since.
 
     It is replaced by a value that is at least as far from 0 as what is left of it. A newborn remembers nothing.
@@ -1185,7 +1189,7 @@ class Species:
     solid: bool = True  # whether the bodies of others are in its way
     view_angle: float = 2 * math.pi  # of the view field, radians
     view_range: float = math.inf  # of the view field, length
-    senses: tuple[str | Gauge | Rays | Hearing | Trace, ...] = ("position", "heading")  # e, in zeta after deviations
+    senses: tuple[str | SenseSpec, ...] = ("position", "heading")  # e: names, or Gauge, Rays, Hearing, Trace
     sees: tuple[str, ...] = ()  # resources: distance, bearing and fullness of the nearest patch that is seen
     cues: tuple[str, ...] = ()  # cues of the scenario that it senses
     neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
