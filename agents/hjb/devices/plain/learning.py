@@ -58,8 +58,8 @@ def learn_f(s: Any, own: Any, sample: Sample) -> Tensor:
     zeta, movement, after, duration = sample
     change = after - zeta
     change[:, s.angle] = torch.atan2(change[:, s.angle].sin(), change[:, s.angle].cos())
-    goal = torch.cat([change, duration[:, None].clamp(max=LONGEST)], 1) / s.unit
-    return mean((pick(forecast(s, own, zeta), movement) - goal).square().mean(1), movement >= 0)
+    target = torch.cat([change, duration[:, None].clamp(max=LONGEST)], 1) / s.unit
+    return mean((pick(forecast(s, own, zeta), movement) - target).square().mean(1), movement >= 0)
 
 
 def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:
@@ -69,8 +69,8 @@ def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:
     score is first order and there is no min (Algorithm 1 as printed), the right-hand side lacks dJ/dzeta . f, which is
     added here along the pace and differentiated too.
     """
-    zeta, movement, goal, pace = sample
-    residual = deviations(s, own, zeta) - goal
+    zeta, movement, target, pace = sample
+    residual = deviations(s, own, zeta) - target
     if not (s.minimum or s.finite):
         residual = add_climb(s, own, zeta, pace, residual)
     weight = (s.weight_top / (s.weight_floor + drive(s, zeta))) ** s.weight_power
