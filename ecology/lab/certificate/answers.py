@@ -108,7 +108,7 @@ def frozen(env: Ecology, minds: Mapping[str, Learner], tick: Tick, ticks: int, e
     return watch.rows
 
 
-def words(name: str, **more: Any) -> dict[str, Any]:
+def parameters(name: str, **more: Any) -> dict[str, Any]:
     """Return what a part in a scenario depends on."""
     return {"world": world_digest(scenarios.load(name)), **more}
 

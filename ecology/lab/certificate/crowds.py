@@ -132,7 +132,7 @@ def parts_of(name: str, live: Callable[[Any, int], Any], values: Sequence[float]
     found = []
     for value in values:
         for seed in range(SEEDS[name]):
-            words = answers.words(name, ticks=TICKS)
+            words = answers.parameters(name, ticks=TICKS)
             found.append(Part(f"{value:g}-seed-{seed}", words, seconds, functools.partial(live, value, seed)))
     return found
 

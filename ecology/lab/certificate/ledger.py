@@ -22,10 +22,10 @@ class Ledger:
         self.folder = folder / PARTS
 
     def read(self, case: Case, part: Part) -> Any | None:
-        """Return what a part came to, None where it is not done or was made from other words."""
+        """Return what a part came to, None where it is not done or was made with other parameters."""
         try:
             told = json.loads(self._path(case, part).read_text(encoding="utf-8"))
-            return told["value"] if told["words"] == self._words(part) else None
+            return told["value"] if told["words"] == self._parameters(part) else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
@@ -33,7 +33,7 @@ class Ledger:
         """Do a part and keep what it came to."""
         start = time.monotonic()
         value = part.compute()
-        told = {"words": self._words(part), "seconds": round(time.monotonic() - start, 1), "value": value}
+        told = {"words": self._parameters(part), "seconds": round(time.monotonic() - start, 1), "value": value}
         path = self._path(case, part)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -45,8 +45,8 @@ class Ledger:
     def _path(self, case: Case, part: Part) -> Path:
         return self.folder / case.name / f"{part.key}.json"
 
-    def _words(self, part: Part) -> Any:
-        return json.loads(json.dumps({"version": ecology.__version__, **part.words}))
+    def _parameters(self, part: Part) -> Any:
+        return json.loads(json.dumps({"version": ecology.__version__, **part.parameters}))
 
 
 def left(case: Case, ledger: Ledger) -> list[Part]:

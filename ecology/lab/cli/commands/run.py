@@ -93,7 +93,7 @@ class RunOptions:
 def command(options: RunOptions) -> None:
     """Run a scenario and write one folder: config, summary, metrics, recording, checkpoint."""
     _check(options)
-    from ecology.lab.cli.live import Watching, live, make_observers
+    from ecology.lab.cli.live import Watching, make_observers, run_and_report
     from ecology.lab.runs.folder import lock
 
     resume, quiet = options.resume, options.quiet
@@ -113,7 +113,7 @@ def command(options: RunOptions) -> None:
         if resume is None:
             it.start()
             stack.enter_context(lock(it.folder))
-        live(it, observers, quiet=quiet)
+        run_and_report(it, observers, quiet=quiet)
 
 
 def _check(options: RunOptions) -> None:
