@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import elementary, fields, stages
+from ecology import elementary, fields, life_stages
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import angle_of
 from ecology.errors import EcologyError
@@ -301,7 +301,7 @@ def open_actions(model: Model, state: State, here: Ints, toward: Ints, targets: 
         for group, table in model.acting
     }
     if model.stages is not None:
-        stages.close(model, state, masks)
+        life_stages.close(model, state, masks)
     if model.cued is not None:
         close_uncued(model, state, masks)
     return masks

@@ -18,6 +18,7 @@ from ecology.fields import Fields, compile_fields
 from ecology.ground import Ground, Plane, ground_of
 from ecology.hauling import Hauling, compile_hauling
 from ecology.heredity import Heredity, compile_heredity
+from ecology.life_stages import Stages, compile_stages
 from ecology.physiology import Body
 from ecology.powers import Slot, compile_memory
 from ecology.resources import ResourceTable
@@ -26,7 +27,6 @@ from ecology.senses import Gaze, Layout
 from ecology.setpoints import Moving, compile_moving
 from ecology.sight import Eyes, compile_eyes
 from ecology.spec import Hearing, Species
-from ecology.stages import Stages, compile_stages
 from ecology.state import Bools, Floats, Ints, State
 
 

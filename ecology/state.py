@@ -96,9 +96,9 @@ class State:
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def next(self) -> State:
-        """Return a state that begins as this one and shares its arrays: stages replace arrays, never write into them.
+        """Return a state that begins as this one and shares its arrays: steps of the tick replace arrays.
 
-        A stage that has to write calls `own` first.
+        A step that writes into an array calls `own` first, which copies it.
         """
         after = object.__new__(State)
         after.__dict__ = self.__dict__.copy()

@@ -20,6 +20,7 @@ from ecology import (
     hauling,
     heredity,
     life,
+    life_stages,
     meetings,
     migration,
     neighbours,
@@ -29,7 +30,6 @@ from ecology import (
     senses,
     setpoints,
     sight,
-    stages,
 )
 from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
@@ -161,7 +161,7 @@ class ArrayWorld:
         if model.moving is not None:
             setpoints.move(model, state, heredity.base(model, state), ingested + met.received, before.time)
         if model.stages is not None and model.stages.grow:
-            self._physics.resize(stages.radii(model, state), state.position, state.alive)
+            self._physics.resize(life_stages.radii(model, state), state.position, state.alive)
         if doors.turn(model, state, met.outcome):
             self._fit(state)
         # senses and observation
@@ -235,7 +235,7 @@ class ArrayWorld:
     def _touch(self, state: State) -> None:
         """Build the solver for the bodies where they are."""
         model = self.model
-        radius, least = stages.radii(model, state), None
+        radius, least = life_stages.radii(model, state), None
         if radius is not model.radius:
             assert model.stages is not None
             least = float((model.radius[:, None] * model.stages.size).min())
