@@ -31,11 +31,11 @@ class DivergedError(EcologyError):
 
 
 def drive_terms(layout: Layout) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return how an agent knows its drive: `mix` (D, D), `felt` (D,), p; zeta (..., D) as rows.
+    """Return the drive as a function of zeta (..., D), in rows: `mix` (D, D), `felt` (D,), p.
 
     d(zeta) = (epsilon + |zeta mix|^2)^(p/2) + zeta . felt: own regulated deviations, with what is felt of
-    others added to the deviation that it belongs to (`mix`) or to the drive itself (`felt`). For a drive that is
-    no paper's, see `drive_bend`.
+    others added to the deviation that it belongs to (`mix`) or to the drive itself (`felt`). `drive_bend` has what the
+    form of a drive has beyond the paper's.
     """
     count = len(layout.kinds)
     own = (np.array(layout.kinds) == "deviation") & layout.regulated
@@ -75,9 +75,9 @@ class Transition:
 
 
 class Learner(ABC):
-    """Those who act in the n slots of one species.
+    """A learner for all n slots of one species.
 
-    A learner sees zeta and the action mask, and is told what its senses and actions are
+    A learner gets zeta and the action mask, and knows what its senses and actions are
     (`Group`: layout, action names, kinds, speeds). It never sees the state of the world.
     """
 
@@ -112,7 +112,7 @@ class Learner(ABC):
         return drive_bend(self.group.layout)
 
     def drive(self, zeta: np.ndarray) -> np.ndarray:
-        """Return d (...) at zeta (..., D), which an agent is given to know; its reward is the fall of d in a tick."""
+        """Return the drive d (...) at zeta (..., D); the reward of a tick is the decrease of d."""
         mix, felt, exponent = self._terms
         above, power = self._bend
         own = zeta @ mix
@@ -147,7 +147,10 @@ class Learner(ABC):
         self.learning = False
 
     def report(self) -> Mapping[str, np.ndarray]:
-        """Return numbers by name, each (n,): what watchers may show."""
+        """Return numbers by name, each (n,): a column of `metrics.parquet` and a curve in the viewer.
+
+        The names are the same from the start of a run.
+        """
         return {}
 
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:

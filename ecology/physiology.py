@@ -1,6 +1,7 @@
 """The body: deviation, drive, transition f, noise g and reward, pure functions of arrays.
 
-Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeling".
+Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeling". A fatigue is a need with set point
+0: its decay and the control of actions, in `velocity`, are how a body tires and recovers.
 """
 
 from __future__ import annotations
@@ -152,7 +153,8 @@ def _positive_power(x: Floats, power: Floats | float) -> Floats:
 def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0, form: Form | None = None) -> Floats:
     """Return d(delta) = (epsilon + sum_i |c_i delta_i|^n) ^ (exponent / n), (...) for delta (..., V).
 
-    Without a `form` it is the paper's, all c = 1 and n = 2.
+    Without a `form` it is the paper's, all c = 1 and n = 2. Learners compute the drive again, from zeta;
+    CONTRIBUTING.md lists where.
     """
     if form is not None:
         size = np.abs(delta) * np.where(delta > 0, form.above, form.below)

@@ -14,6 +14,7 @@ from types import ModuleType
 import pytest
 import typer.main
 
+import ecology
 from ecology import scenarios
 from ecology.lab.cli import app
 
@@ -122,10 +123,15 @@ def test_notebooks_were_executed_from_top_to_bottom(path: Path) -> None:
     assert any("image/png" in output.get("data", {}) for output in outputs)
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/guides/python.md", "docs/guides/libraries.md"])
+GUIDES = ("python", "libraries", "bodies", "interventions", "archipelagos")
+
+
+@pytest.mark.parametrize("name", ["README.md", *(f"docs/guides/{name}.md" for name in GUIDES)])
 def test_the_code_of_a_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The Python blocks of a page run, one after the other."""
+    """The Python blocks of a page run, one after the other; parts of a scenario stand there without imports."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
+    if name.endswith(("bodies.md", "interventions.md")):
+        names |= {word: getattr(ecology, word) for word in ecology.__all__}
     for code in blocks(ROOT / name, "python"):
         exec(compile(code, name, "exec"), names)

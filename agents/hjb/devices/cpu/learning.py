@@ -127,9 +127,9 @@ def learn_f(s, own, sample, scratch, g):
 def learn_j(s, own, sample, scratch, g):
     """Return L_J and fill its gradient g (Q,): the squared residual of the HJB equation, in drive units.
 
-    `sample` are zeta (b, D), the movement (b,), the right-hand side of the equation (b,) and the pace (b, D). Where the
-    score is first order and there is no min (Algorithm 1 as printed), the right-hand side lacks dJ/dzeta . f, which is
-    added here along the pace and differentiated too.
+    `sample` are zeta (b, D), the movement (b,), J's target (b,), which is the right-hand side of the equation, and the
+    pace (b, D). Where the score is first order and there is no min (Algorithm 1 as printed), the target lacks
+    dJ/dzeta . f, which is added here along the pace and differentiated too.
     """
     zeta, movement, target, pace = sample
     b, width, inputs = len(zeta), s.width, inputs_of(s, own)

@@ -65,9 +65,9 @@ def learn_f(s: Any, own: Any, sample: Sample) -> Tensor:
 def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:
     """Return L_J: the squared residual of the HJB equation, in drive units.
 
-    `sample` are zeta (b, D), the movement (b,), the right-hand side of the equation (b,) and the pace (b, D). Where the
-    score is first order and there is no min (Algorithm 1 as printed), the right-hand side lacks dJ/dzeta . f, which is
-    added here along the pace and differentiated too.
+    `sample` are zeta (b, D), the movement (b,), J's target (b,), which is the right-hand side of the equation, and the
+    pace (b, D). Where the score is first order and there is no min (Algorithm 1 as printed), the target lacks
+    dJ/dzeta . f, which is added here along the pace and differentiated too.
     """
     zeta, movement, target, pace = sample
     residual = deviations(s, own, zeta) - target
