@@ -28,7 +28,7 @@ use_cache(__file__, walls.__file__)
 
 @dataclass
 class Outcome:
-    """What meetings come to in one tick, for N slots and V needs. It has no other fields than these."""
+    """What a rule returns: the effects of one tick, for N slots and V needs."""
 
     received: Floats  # (N, V) units added to needs
     given: Floats  # (N, V) units taken from needs
@@ -37,11 +37,11 @@ class Outcome:
     stock: Floats | None = None  # (R,) units added to stocks that are there, taken where negative
     patches: dict[str, Floats] = field(default_factory=dict)  # resource -> (k, 3) x, y, stock of patches that appear
     births: dict[str, Floats] = field(default_factory=dict)  # species -> (k, 2) where newborns start
-    parents: dict[str, Ints] = field(default_factory=dict)  # species -> (k,) slot of each newborn's parent, -1 without
+    parents: dict[str, Ints] = field(default_factory=dict)  # species -> (k,) slot of each newborn's parent; -1: none
     pace: Floats | None = None  # (N,) share of its speed at which a body moves in the next tick, from 0 to 1; None: all
     sight: Floats | None = None  # (N,) share of its view range that it sees until the next tick, from 0 to 1; None: all
     doors: dict[str, bool] = field(default_factory=dict)  # name -> whether it is to be open after this tick
-    memory: dict[str, Any] = field(default_factory=dict)  # name -> what the rule remembers of it from now on
+    memory: dict[str, Any] = field(default_factory=dict)  # name -> value that the rule remembers from now on
     set_point: Floats | None = None  # (N, V) x* from now on, of needs with a set_range; None: they stay
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -57,7 +57,7 @@ OUTCOME = tuple(f.name for f in fields(Outcome))
 
 @dataclass(frozen=True)
 class World:
-    """What a scenario's own rule is shown: the read-only state in the middle of a tick, and where to find what.
+    """What a scenario's rule gets: the read-only state in the middle of a tick, and the names of its rows and columns.
 
     Bodies have moved; needs are as they were at the start of the tick.
     """

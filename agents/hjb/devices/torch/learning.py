@@ -62,9 +62,9 @@ def learn_f(s: Any, own: Any, sample: Sample) -> Tensor:
 def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:
     """Return L_J (a,): the squared residual of the HJB equation, in drive units.
 
-    `sample` are zeta (a, b, D), the movement (a, b), the right-hand side of the equation (a, b) and the pace (a, b, D).
-    Where the score is first order and there is no min (Algorithm 1 as printed), the right-hand side lacks
-    dJ/dzeta . f, which is added here along the pace and differentiated too.
+    `sample` are zeta (a, b, D), the movement (a, b), J's target (a, b), which is the right-hand side of the
+    equation, and the pace (a, b, D). Where the score is first order and there is no min (Algorithm 1 as printed), the
+    target lacks dJ/dzeta . f, which is added here along the pace and differentiated too.
     """
     zeta, movement, target, pace = sample
     residual = deviations(s, own, zeta) - target
