@@ -349,7 +349,8 @@ def usage(name: str, command: Any) -> str:
         if param.param_type_name != "argument":
             words += [f"{param.opts[0]} {metavar}"] if param.required else []
         else:
-            words.append(metavar if param.required or metavar.startswith("[") else f"[{metavar}]")
+            several = f"{metavar} ..." if param.nargs == -1 and not param.required else metavar
+            words.append(metavar if param.required else f"[{several}]")
     return " ".join(words)
 
 

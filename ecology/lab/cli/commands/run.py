@@ -12,6 +12,7 @@ import typer
 
 from ecology.errors import EcologyError, nearest
 from ecology.lab.cli.options import (
+    NAME_OR_PATH,
     RECORD,
     Device,
     Port,
@@ -37,7 +38,7 @@ ORDER = 4
 class RunOptions:
     """What `ecology run` is given."""
 
-    scenario: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None
+    scenario: Annotated[str | None, typer.Argument(metavar="SCENARIO", help=NAME_OR_PATH)] = None
     ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.", show_default="the scenario's")] = None
     seed: Annotated[int | None, typer.Option(min=0, help="Random seed.", show_default="0")] = None
     learner: Annotated[
