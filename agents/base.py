@@ -1,4 +1,4 @@
-"""Learner, plural: all agents of one species, each learning for itself."""
+"""Base class of learners: one learner acts for all agents of a species, each of which learns for itself."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class DivergedError(EcologyError):
     """A network of the agent in `slot` (of the world) holds numbers that are not finite.
 
     Raised by a learner with what it was that diverged ("the deviation function J") and what to do
-    about it; whoever runs the world adds the tick and the agent's name.
+    about it; the run adds the tick and the agent's name.
     """
 
     def __init__(self, what: str, slot: int, advice: str = "") -> None:
@@ -125,22 +125,22 @@ class Learner(ABC):
         """Return an action (n,) for every slot, open in its mask; any number for a dead slot."""
 
     def learn(self, transition: Transition) -> None:  # noqa: B027  (most baselines learn nothing)
-        """Take in one tick of life."""
+        """Learn from one tick."""
 
     def died(self, slots: np.ndarray) -> None:  # noqa: B027
-        """Take note that the agents in `slots` (k,), rows of this species, died in this tick."""
+        """Handle the deaths of the agents in `slots` (k,), rows of this species, in this tick."""
 
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:  # noqa: B027
         """Begin a new life in `slots` (k,); `parents` (k,) are rows of this species, -1: came from outside."""
 
     def interrupted(self, slots: np.ndarray) -> None:  # noqa: B027
-        """Take note that the agents in `slots` (k,) were moved or changed between two ticks, by nobody's action.
+        """Handle agents in `slots` (k,) that were moved or changed from outside between two ticks.
 
         What comes next does not follow from what they did, so nothing about their actions is to be learned from it.
         """
 
     def begin(self) -> None:  # noqa: B027
-        """Forget what was under way: the next observation does not follow from the last."""
+        """Drop whatever is under way: the next observation does not follow from the last."""
 
     def evaluating(self, epsilon: float) -> None:
         """Stop learning; explore with `epsilon` from now on."""
@@ -175,7 +175,7 @@ class Learner(ABC):
         return None
 
     def pack(self, slots: np.ndarray) -> Mapping[str, np.ndarray]:
-        """Return all that the agents in `slots` (k,) have become, rows (k, ...) by name, for `unpack` elsewhere.
+        """Return all that the agents in `slots` (k,) have learned, rows (k, ...) by name, for `unpack` elsewhere.
 
         Those are the rows of every array of `state` that has a row per slot.
         """
@@ -183,7 +183,7 @@ class Learner(ABC):
         return {name: array[slots].copy() for name, array in arrays.items() if array.shape[:1] == (self.size,)}
 
     def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
-        """Let the agents in `slots` (k,) be those that another learner of this kind has packed."""
+        """Replace the agents in `slots` (k,) by those that another learner of this kind has packed."""
         arrays, values = self.state()
         if packed.keys() != {name for name, array in arrays.items() if array.shape[:1] == (self.size,)}:
             raise EcologyError(
@@ -196,9 +196,9 @@ class Learner(ABC):
         self.restore(arrays, values)
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return all that the learner has become: arrays, and plain values that JSON holds."""
+        """Return all that the learner has learned: arrays, and plain values that JSON holds."""
         return {}, {"rng": self.rng.bit_generator.state}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
-        """Become what `state` returned."""
+        """Restore what `state` returned."""
         self.rng.bit_generator.state = values["rng"]

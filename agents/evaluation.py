@@ -1,4 +1,4 @@
-"""What a learner has come to: its life, its maps, its choices and its knowledge against the true world.
+"""What a learner has learned: its life, its maps, its choices and its knowledge against the simulator.
 
 All measures are taken without learning, with a little exploration, on the true world. `evaluate` puts
 them together; `ABOUT` says what each key of its report means.
@@ -428,7 +428,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Lived:
-    """The run of the learner: the mean drive of its species, NaN of nobody, in blocks of `span` ticks from birth on."""
+    """The run of the learner: its species' mean drive, NaN if none is alive, in blocks of `span` ticks from birth."""
 
     drive: Floats  # (T,)
     span: int = 1

@@ -319,7 +319,7 @@ def compile_cued(everyone: Sequence[Species], cues: Mapping[str, int]) -> tuple[
 
 
 def close_uncued(model: Model, state: State, masks: dict[str, Bools]) -> None:
-    """Close in `masks`, by species (n, A), the actions whose cue is not shown; an action that binds a body goes on."""
+    """Close in `masks`, by species (n, A), actions whose cue is not shown; an action that binds a body continues."""
     assert model.cued is not None
     assert state.cue is not None
     for (group, table), cue in zip(model.acting, model.cued, strict=True):

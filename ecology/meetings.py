@@ -1,4 +1,4 @@
-"""What bodies do to each other when they meet: bite, give, crowd, and the scenario's own rule."""
+"""Interactions of bodies: bites, gifts, crowding, and the scenario's own rule."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
 
 @dataclass
 class Met:
-    """What meetings came to in a tick."""
+    """The effects of meetings in one tick."""
 
     received: Floats  # (N, V)
     given: Floats  # (N, V)
@@ -198,7 +198,7 @@ def meet(model: Model, state: State, seen: Perception, control: Floats, rng: Map
 
 
 def _bite_and_give(model: Model, state: State, seen: Perception, met: Met, rng: np.random.Generator) -> None:
-    """Write what bites and gifts come to into `met` and the state."""
+    """Write the effects of bites and gifts into `met` and the state."""
     state.bit, state.gave = model.nobody.copy(), model.nobody.copy()
     attackers, victims, chance = [], [], []
     for group, table in model.acting:
@@ -225,7 +225,7 @@ def _bite_and_give(model: Model, state: State, seen: Perception, met: Met, rng: 
 
 
 def _wound(model: Model, state: State, attacker: Ints, victim: Ints, met: Met) -> None:
-    """Write what successful bites (k,) come to into `met` and the state."""
+    """Write the effects of successful bites (k,) into `met` and the state."""
     biter, wound = model.nobody.copy(), np.zeros(met.given.shape)
     biter[victim] = attacker
     state.bit[attacker] = victim

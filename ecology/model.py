@@ -252,7 +252,7 @@ def _blocks(counts: list[int]) -> list[slice]:
 
 
 def _nearness(scenario: Scenario, gazes: tuple[Gaze, ...]) -> float:
-    """Return the distance within which anyone senses, meets or crowds another; 0: nobody does."""
+    """Return the distance within which agents sense, meet or crowd each other; 0: none do."""
     found = [0.0]
     for s, gaze in zip(scenario.species, gazes, strict=True):
         if s.neighbours or (s.empathy is not None and s.empathy.sight):

@@ -233,7 +233,7 @@ def advance(
 
 
 def commit(model: Model, state: State, internal: Floats, taken: Floats, died: Bools) -> None:
-    """Give the living the x (N, V) that they have come to, within its bounds, and keep the account of it.
+    """Set x (N, V) of the living, within its bounds, and keep the account of it.
 
     `taken` (N, V) came from outside in the tick; agents that `died` (N,) keep what they had before it.
     """
@@ -250,7 +250,7 @@ def clamp(body: Body, internal: Floats) -> Floats:
 
 
 def fatal(body: Body, internal: Floats) -> Bools:
-    """Return who has a lethal need beyond its bounds, (n,); ask before `clamp`."""
+    """Return which bodies have a lethal need beyond its bounds, (n,); call it before `clamp`."""
     return np.logical_or.reduce(_beyond(body, internal), axis=1)
 
 
@@ -269,7 +269,7 @@ def _beyond(body: Body, internal: Floats) -> Bools:
 def keep_within(
     alive: Bools, died: Bools, before: Floats, after: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, Bools]:
-    """Return x (N, V) kept within its bounds, the organism's automatic regulation, and who lives on (N,).
+    """Return x (N, V) kept within its bounds, the organism's automatic regulation, and which agents survive (N,).
 
     One that dies, or is dead, keeps what it was `before`.
     """

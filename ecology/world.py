@@ -113,7 +113,7 @@ class ArrayWorld:
         return self._observe(np.zeros(model.size))
 
     def step(self, chosen: Ints, steering: Floats | None = None) -> Tick:
-        """Advance one tick: this is the order of things, top to bottom.
+        """Advance one tick: this is the order of its steps, top to bottom.
 
         `chosen` (N,) holds an index into each slot's own species' actions; entries of dead slots are ignored.
         `steering` (N, 2) is the speed and the turn rate of those that move, NaN: as their action has them.
@@ -290,7 +290,7 @@ class ArrayWorld:
         return self._resume(state)
 
     def settle(self, species: str, place: tuple[float, float], heading: float) -> tuple[Tick, int]:
-        """Let one more agent live between ticks, see `Ecology.settle`."""
+        """Add an agent between ticks, see `Ecology.settle`."""
         model, state = self.model, self.state.next()
         rows = model.group(species).slots
         empty = ~state.alive[rows] if self.resting is None else ~(state.alive | self.resting)[rows]
@@ -373,7 +373,7 @@ class ArrayWorld:
         return found
 
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return all that the world has become, see `Ecology.snapshot`."""
+        """Return the complete state of the world, see `Ecology.snapshot`."""
         state = self.state
         arrays = {name: array.copy() for name, array in state.arrays().items()}
         plain = _plain(state)

@@ -230,7 +230,7 @@ def test_readings_survive_a_snapshot_and_a_put():
     for _ in range(5):
         one, two = env.step_arrays(ask(env)), other.step_arrays(ask(other))
         assert np.array_equal(one.observations["agent"], two.observations["agent"])
-    for holds in ("the same seed gives the same life", "a copy lives on bit for bit"):
+    for holds in ("the same seed gives the same run", "a copy continues bit for bit"):
         contract.CHECKS[holds](scenario, 20)
 
 

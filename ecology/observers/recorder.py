@@ -170,7 +170,7 @@ class Recorder:
             self._write()
 
     def flush(self) -> None:
-        """Write the rows at hand, at a checkpoint: what is killed later goes on after them."""
+        """Write the rows so far, at a checkpoint: a run that is killed later continues after them."""
         self._write()
 
     def end(self) -> None:

@@ -122,7 +122,7 @@ class Sampler:
                 panel.follow(look)
 
     def refocus(self, state: State, *, anew: bool) -> None:
-        """Find who is in focus."""
+        """Find the agents in focus."""
         changed = self.focus.look(state, anew=anew)
         self._changed.update(changed)
         if changed:

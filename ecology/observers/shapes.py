@@ -1,4 +1,4 @@
-"""What things look like in the plane, whoever draws them: pure functions of arrays."""
+"""What things look like in the plane, for every observer: pure functions of arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is done of the certificate, kept so that it is not done again."""
+"""The finished parts of the certificate, kept so that they are not repeated."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ PARTS = "parts"  # folder of the parts that are done
 
 
 class Ledger:
-    """The parts that are done, one JSON file each in the folder."""
+    """The finished parts, one JSON file each in the folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / PARTS
 
     def read(self, case: Case, part: Part) -> Any | None:
-        """Return what a part came to, None where it is not done or was made with other parameters."""
+        """Return the value of a part; None if it is not done or was made with other parameters."""
         try:
             told = json.loads(self._path(case, part).read_text(encoding="utf-8"))
             return told["value"] if told["words"] == self._parameters(part) else None
@@ -30,7 +30,7 @@ class Ledger:
             return None
 
     def do(self, case: Case, part: Part) -> Any:
-        """Do a part and keep what it came to."""
+        """Compute a part and keep its value."""
         start = time.monotonic()
         value = part.compute()
         told = {"words": self._parameters(part), "seconds": round(time.monotonic() - start, 1), "value": value}
@@ -60,6 +60,6 @@ def rows(case: Case, ledger: Ledger) -> list[Row]:
 
 
 def values(case: Case, ledger: Ledger) -> dict[str, Any]:
-    """Return what the parts of a case that are done came to, by their keys."""
+    """Return the values of the finished parts of a case, by their keys."""
     found = {part.key: ledger.read(case, part) for part in case.parts()}
     return {key: value for key, value in found.items() if value is not None}

@@ -1,4 +1,4 @@
-"""A run on the command line: what records and shows it while it runs; `summary.py` prints what it came to."""
+"""A run on the command line: what records and shows it while it runs; `summary.py` prints the summary."""
 
 from __future__ import annotations
 

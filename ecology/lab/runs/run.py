@@ -182,7 +182,7 @@ class Run:
         self._resumed = True
 
     def _ended(self) -> bool:
-        """Return whether the summary says that the run came to the end of what it had lived."""
+        """Return whether the summary covers all that the run has done."""
         try:
             told = json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))
             return told["ticks"] == self.now and "stopped_at" not in told
@@ -278,7 +278,7 @@ class Run:
 
     @contextlib.contextmanager
     def _faults_told(self, *, kept: bool) -> Iterator[None]:
-        """Add to an exception in a user's own code how far the run came and, where it is `kept`, how it goes on."""
+        """Add to an exception in a user's own code how far the run got and, where it is `kept`, how to resume it."""
         try:
             yield
         except Exception as error:
@@ -291,7 +291,7 @@ class Run:
             raise faults.wrap(f"after {self.now} ticks", error, then) from error
 
     def _go_on(self) -> str:
-        """Say how the run goes on once there is room again."""
+        """Say how to resume the run once there is room again."""
         return f"Then resume from tick {self._saved} with: {self.resume_command()}"
 
     def resume_command(self, *, mended: bool = False) -> str:
@@ -305,7 +305,7 @@ class Run:
         self._keep(self._observers, where)
 
     def _keep(self, observers: Sequence[Observer], where: Path | None = None) -> None:
-        """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
+        """Write the checkpoint, and before it what is recorded up to it, so that a resumed run leaves no gap."""
         for observer in observers:
             getattr(observer, "flush", lambda: None)()
         self.save(where)

@@ -32,6 +32,6 @@ def command(
             broken += 1
             print(f"      {contract.reason(error)}")
     if broken:
-        print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
+        print(f"{scenario} fails {broken} of {len(contract.CHECKS)} checks of the contract.", file=sys.stderr)
         raise typer.Exit(1)
-    print(f"{scenario} keeps the contract, over {ticks} ticks and {len(contract.CHECKS)} points.")
+    print(f"{scenario} satisfies the contract: {len(contract.CHECKS)} checks over {ticks} ticks.")
