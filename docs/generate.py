@@ -106,7 +106,7 @@ def prose(text: str | None) -> str:
 
 
 def fields_of(cls: type) -> list[Field]:
-    """Return the fields of a dataclass with the comment that stands behind each in its source."""
+    """Return the fields of a dataclass with the comment of each in its source."""
     source = textwrap.dedent(inspect.getsource(cls))
     comments = {
         token.start[0]: token.string.lstrip("# ")
@@ -119,7 +119,8 @@ def fields_of(cls: type) -> list[Field]:
         if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
             default = "" if line.value is None else ast.unparse(line.value)
             default = {"field(default_factory=dict)": "{}", "_field(default_factory=dict)": "{}"}.get(default, default)
-            found.append(Field(line.target.id, ast.unparse(line.annotation), default, comments.get(line.lineno, "")))
+            about = [comments[at] for at in range(line.lineno, (line.end_lineno or 0) + 1) if at in comments]
+            found.append(Field(line.target.id, ast.unparse(line.annotation), default, " ".join(about)))
     return found
 
 

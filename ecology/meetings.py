@@ -32,7 +32,7 @@ class Outcome:
 
     received: Floats  # (N, V) units added to needs
     given: Floats  # (N, V) units taken from needs
-    killed: Bools  # (N,)
+    killed: Bools  # (N,) whether the agent dies
     position: Floats | None = None  # (N, 2) where bodies are put; None: they stay where they are
     stock: Floats | None = None  # (R,) units added to stocks that are there, taken where negative
     patches: dict[str, Floats] = field(default_factory=dict)  # resource -> (k, 3) x, y, stock of patches that appear

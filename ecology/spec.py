@@ -430,9 +430,9 @@ class Growth:
     An empty stock stays empty, but in the linear kind.
     """
 
-    kind: Literal["linear", "logistic", "exponential"] = "linear"
+    kind: Literal["linear", "logistic", "exponential"] = "linear"  # law of growth
     rate: float  # linear: units of the stock per unit of time; otherwise per unit of time
-    season: Season | None = None
+    season: Season | None = None  # factor of the rate over time
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -448,7 +448,7 @@ class Growth:
 class Oscillation:
     """A triangle wave of time: from the resource's position straight to `to` and back in one period."""
 
-    to: tuple[float, float]
+    to: tuple[float, float]  # the other end
     period: float  # time
     phase: float = 0.0  # radians of the wave at time 0: 0 at the position, pi at `to`
 
@@ -519,7 +519,7 @@ class Resource:
     name: str
     count: int = 1  # patches; with gone_below the most that can exist at once
     position: tuple[float, float] | None = None  # at the start; random in the arena when None
-    radius: float = 0.3
+    radius: float = 0.3  # of the circle, length
     stock: float = math.inf  # at the start, units of intake
     capacity: float | None = None  # largest stock, units of intake; the stock at the start when None
     growth: Growth | None = None  # None: the stock does not regrow
@@ -674,9 +674,9 @@ class Field:
     """
 
     name: str
-    values: Callable[..., object] | tuple[tuple[float, ...], ...] | float = 0.0
-    low: float = -math.inf
-    high: float = math.inf
+    values: Callable[..., object] | tuple[tuple[float, ...], ...] | float = 0.0  # function, grid or number
+    low: float = -math.inf  # lowest value that is sensed and acts
+    high: float = math.inf  # highest value that is sensed and acts
     scale: float = 1.0  # size of an ordinary value, for learners
     diffusion: float = 0.0  # area per unit of time
     decay: float = 0.0  # share per unit of time
@@ -743,7 +743,7 @@ def _unpickled_field(pickled: bytes) -> Field:
 class Exposure:
     """The effect of a field on bodies of a species, in proportion to its value at their place minus a reference."""
 
-    field: str
+    field: str  # name of the field
     reference: float = 0.0  # value without effect
     control: Mapping[str, float] = _field(default_factory=dict)  # need -> change per unit of the field and of time
     slowing: float = 0.0  # share of its speed that a body loses per unit of the field
@@ -767,9 +767,9 @@ class SenseSpec:
 class Gauge(SenseSpec):
     """The sense of a field at the body's place: its value, and its gradient along the heading and to the left of it."""
 
-    field: str
-    value: bool = True
-    gradient: bool = False
+    field: str  # name of the field
+    value: bool = True  # whether the value is sensed
+    gradient: bool = False  # whether the gradient is sensed
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -787,7 +787,7 @@ class Rays(SenseSpec):
     """
 
     range: float  # the farthest that is sensed, length
-    count: int = 8
+    count: int = 8  # number of rays
     spread: float = 2 * math.pi  # radians between the outermost rays; all around by default
 
     def __post_init__(self) -> None:
@@ -805,7 +805,7 @@ class Hearing(SenseSpec):
     An action sends by `emits`, in the tick in which it is executed. Walls do not stop a signal.
     """
 
-    channel: str
+    channel: str  # channel of `Action.emits`
     range: float  # the farthest that is heard, length
 
     def __post_init__(self) -> None:
@@ -946,7 +946,7 @@ class Remains:
     bound. Where no patch is free, or beyond the capacity, what is left is lost with the body.
     """
 
-    resource: str
+    resource: str  # name of the resource
     needs: Mapping[str, float] = field(default_factory=dict)  # need -> share of what is stored, from 0 to 1
     body: float = 0.0  # units that every body leaves, however starved
     causes: tuple[Cause, ...] = ("need", "hazard", "rule", "bitten", "eaten")  # causes of death that leave remains
@@ -988,7 +988,7 @@ class Neighbours:
     whether it is kin, and its identity. Without a neighbour the distance is the farthest and the rest is 0.
     """
 
-    count: int = 1
+    count: int = 1  # how many are sensed
     species: tuple[str, ...] = ()  # all when empty
     heading: bool = False  # whether its heading is sensed
     action: bool = False  # whether its last action is sensed
@@ -1019,16 +1019,16 @@ class Empathy:
     cognitive empathy see `Neighbours` and `Species.opens`.
     """
 
-    weight: float
-    form: Literal["sum", "average"] = "sum"
+    weight: float  # w of each other (sum), or of all others together (average)
+    form: Literal["sum", "average"] = "sum"  # see above
     species: tuple[str, ...] = ()  # species that are felt; its own when empty
     matrix: tuple[tuple[float, ...], ...] | None = None  # factor of the weight, by slots of its own species, square
     needs: Mapping[str, float] = field(default_factory=dict)  # how much a need of others counts; 1 where not named
-    kin: bool = False
+    kin: bool = False  # whether only kin is felt
     within: float = math.inf  # length
     sight: bool = False  # only others that it sees
     perceived: bool = True  # whether what is felt is a part of zeta; if not, zeta hides a part of the drive
-    lesion: Literal["none", "off", "sham", "shuffled"] = "none"
+    lesion: Literal["none", "off", "sham", "shuffled"] = "none"  # off: no empathy; sham: no change; shuffled: of others
     lesion_at: float = 0.0  # time at which the lesion begins
 
     def __post_init__(self) -> None:
@@ -1054,8 +1054,8 @@ class Trait:
     """
 
     name: str
-    of: str
-    bounds: tuple[float, float]
+    of: str  # number that it replaces, see above
+    bounds: tuple[float, float]  # of its value
     mutation: float = 0.0  # standard deviation of the change at a birth
     start: float | None = None  # mean of founders and newcomers; the scenario's number when None
     spread: float = 0.0  # standard deviation among founders and newcomers
@@ -1120,7 +1120,7 @@ class Event:
     interventions. It is done between two ticks, after the tick that ends nearest to its time.
     """
 
-    do: str
+    do: str  # the intervention
     at: float = 0.0  # time; in a session, since its trial began
     every: float | None = None  # time between two of them; None: it happens once
     until: float = math.inf  # time of the last one; in a session, since its trial began
@@ -1151,8 +1151,8 @@ class Session:
 
     name: str
     length: float  # of a trial, time
-    trials: int = 1
-    events: tuple[Event, ...] = ()
+    trials: int = 1  # number of trials
+    events: tuple[Event, ...] = ()  # in every trial
     gap: float = 0.0  # after every trial, time; its mean where it is random
     random: bool = False  # whether the gap is drawn: exponentially distributed
 
@@ -1196,8 +1196,8 @@ class Species:
     neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
     faults: tuple[Fault, ...] = ()  # of the senses
     opens: tuple[str, ...] = ()  # needs whose deviations others can sense
-    empathy: Empathy | None = None
-    crowding: Crowding | None = None
+    empathy: Empathy | None = None  # what it feels of others
+    crowding: Crowding | None = None  # what others nearby do to it
     exposures: tuple[Exposure, ...] = ()  # what fields do to it
     position: tuple[float, float] | None = None  # at birth; random in the arena when None
     heading: float | None = None  # at birth, radians; random when None
@@ -1210,8 +1210,8 @@ class Species:
     drive_epsilon: float = 0.001  # of the drive (epsilon + sum_i w_i |delta_i|^n) ^ (exponent / n)
     drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic; n / m of Keramati and Gutkin's root m
     drive_power: float = 2.0  # n; 2: the paper's
-    learner: str = "hjb"
-    learner_settings: Mapping[str, object] = field(default_factory=dict)
+    learner: str = "hjb"  # name of `ecology list`, or path of a .py file
+    learner_settings: Mapping[str, object] = field(default_factory=dict)  # setting -> value
 
     def __post_init__(self) -> None:
         typed.check(self)

@@ -49,6 +49,13 @@ def test_generated_parts_are_current(generate: ModuleType) -> None:
     assert [*generate.stale(PAGES)] == [], "run `make docs`"
 
 
+def test_a_comment_of_a_long_field_is_in_its_table(generate: ModuleType) -> None:
+    """The formatter splits a long field over several lines, and its comment stands on one of them."""
+    about = {field.name: field.about for field in generate.fields_of(ecology.Need)}
+    assert about["feeds"]
+    assert about["weight"]
+
+
 def test_every_generated_part_is_on_a_page(generate: ModuleType) -> None:
     """No table is left out, so a new scenario needs its page."""
     used = {part[1] for path in PAGES for part in generate.PART.findall(path.read_text(encoding="utf-8"))}
