@@ -381,7 +381,7 @@ def transition_check(
 
 
 def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot: int) -> tuple[Floats, int]:
-    """Return zeta (D,) after the learner's `movement` from `zeta`, in the true world, and its ticks."""
+    """Return zeta (D,) after the learner's `movement` from `zeta`, in the simulator, and its ticks."""
     moves, group = learner.moves, learner.group  # type: ignore[attr-defined]
     species, names = env.scenario.species[group.index], list(group.layout.names)
     where = [names.index("x"), names.index("y")] if "x" in names else []

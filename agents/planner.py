@@ -84,7 +84,7 @@ def served(table: ActionTable, resource: int) -> tuple[int, int]:
 
 
 def know(scenario: Scenario, group: Group) -> Knowledge:
-    """Return what there is to know for the species of `group`; EcologyError where no round is possible."""
+    """Return what there is to know for the species of `group`; EcologyError where no tour is possible."""
     species = scenario.species[group.index]
     for resource in scenario.resources:
         swings = resource.motion is None or isinstance(resource.motion, Oscillation)
@@ -512,7 +512,7 @@ class Exploring(Learner):
         self.stage, self.left = np.zeros(self.size, np.int64), np.zeros(self.size, np.int64)
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
-        """Return an action (n,): that of the yardstick, or of a movement that is explored."""
+        """Return an action (n,): that of the baseline, or of an exploratory movement."""
         moves, row = self.moves, np.arange(self.size)
         explores = self.movement >= 0
         over = self.left <= 0

@@ -174,7 +174,7 @@ def _check_matrix(owner: str, matrix: tuple[tuple[float, ...], ...], count: int)
         total = sum(row)
         require(
             good and row[i] == 0 and (total == 0 or abs(total - 1) <= SELF),
-            f"{owner}: row {i} of the matrix has shares of 0 or more that sum to 1, or to 0 where nobody leaves, and 0 "
+            f"{owner}: row {i} of the matrix has shares of at least 0 that sum to 1, or to 0 if none leaves, and 0 "
             f"for the island itself; got {row!r}.",
         )
 

@@ -116,7 +116,7 @@ class Sampler:
         return look
 
     def follow(self, look: Watch) -> None:
-        """Let the panels that want to look at a tick."""
+        """Pass a tick to the panels that follow every tick."""
         if self.tick is not None:
             for panel in self._followers:
                 panel.follow(look)

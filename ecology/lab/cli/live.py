@@ -174,7 +174,7 @@ class Audience:
                 self._page = Page(Shown([source], self.hear, desk=self), dt=env.dt, port=port, name=name)
                 print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
-                logging.getLogger("ecology").warning("%s The run goes on.", error)
+                logging.getLogger("ecology").warning("%s The run continues.", error)
             print(
                 f"watch in a viewer: rerun --connect {source} (every program on this machine can read "
                 "it, and draw there for other viewers; none of that reaches the run)",
@@ -263,7 +263,7 @@ class Audience:
         """Intervene in the fork."""
         twin = self._run.twin
         if twin is None or twin.over:
-            raise EcologyError("there is no fork of this run that goes on; fork it first.")
+            raise EcologyError("this run has no fork in progress; fork it first.")
         return twin.run.do(text)
 
     def focus(self, who: str) -> str:

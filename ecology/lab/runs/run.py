@@ -382,7 +382,7 @@ class Run:
     def fork(self, out: Path | None = None, do: Sequence[str] = ()) -> Run | None:
         """Fork this run between two ticks, with the interventions `do` in the fork alone; return the fork.
 
-        While this run lives, both futures go on side by side, tick by tick: the fork in a folder of its own, `out` or
+        While this run lives, both futures continue side by side, tick by tick: the fork in its own folder, `out` or
         RUN-at-TICK. May be called as `do` may: before the run lives, when the fork is left to the caller to `live`;
         from any thread; from an observer, which is returned None. Raises EcologyError where it cannot be made.
         """
@@ -396,7 +396,7 @@ class Run:
     def _fork(self, out: Path | None, do: Sequence[str]) -> Run:
         if self.twin is not None and not self.twin.over:
             raise EcologyError(
-                f"the fork {self.twin.run.folder.name!r} goes on; one fork at a time lives beside a run."
+                f"the fork {self.twin.run.folder.name!r} is still running; a run can have one fork at a time."
             )
         self.twin = twins.Twin(twins.make_fork(self, out, do), self._observers, do)
         return self.twin.run

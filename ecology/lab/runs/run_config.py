@@ -35,7 +35,7 @@ PACKAGE = "ecology-sandbox"  # the name under which the project is installed
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Who learns in a species, with every setting resolved."""
+    """The learner of a species, with every setting resolved."""
 
     name: str
     settings: Mapping[str, Any]
