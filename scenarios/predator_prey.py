@@ -74,10 +74,9 @@ def build(
     """Return the meadow, a walled square.
 
     `decay` is energy lost, `birth` the birth rate of fit agents and `mortality` the death rate of all, per unit of
-    time. A bite has `chance` per unit of time to take `wound` of health and bring `gain` of energy, and takes the
-    time `handling`. `disturbance` is energy that each other predator nearby costs a predator, per unit of time.
-    `arrival` is the rate of newcomers of either species; there is room for three times the `prey` and the
-    `predators` of the start.
+    time. A bite has `chance` per unit of time to take `wound` of health and bring `gain` of energy, and takes the time
+    `handling`. `disturbance` is energy that each other predator nearby costs a predator, per unit of time. `arrival` is
+    the rate of newcomers of either species; slots are three times the numbers at the start.
     """
     grass = Resource(name="grass", count=patches, radius=0.4, stock=1.0, capacity=2.0, growth=Growth(rate=regrowth))
     energy = Need(name="energy", set_point=1.0, start=0.7, decay=prey_decay, bounds=(0.0, math.inf), lethal=True)
