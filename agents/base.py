@@ -82,7 +82,7 @@ class Learner(ABC):
     """
 
     devices = False  # whether `with_settings` takes a device to compute on; else it is the CPU
-    decides = False  # whether `decision` returns what an agent weighs
+    decides = False  # whether `decision` returns decisions
 
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         self.group = group
@@ -158,7 +158,7 @@ class Learner(ABC):
         return None
 
     def follow(self, slots: Collection[int]) -> None:  # noqa: B027
-        """Keep from now on what the agents in `slots`, rows of this species, weigh when they decide; forget the rest.
+        """Record from now on the decisions of the agents in `slots`, rows of this species; drop those of all others.
 
         It must not change what an agent does or learns: observers call it.
         """
@@ -166,12 +166,13 @@ class Learner(ABC):
     def decision(self, slot: int) -> Decision | None:
         """Return the decision that the agent in `slot` acts on, None where there is none.
 
-        It is as it was when it was made if the agent was followed then. A learner that returns one sets `decides`.
+        It has the numbers with which it was made if the agent was followed then. A learner that returns decisions sets
+        `decides`.
         """
         return None
 
     def plan_ahead(self, slot: int) -> Plan | None:
-        """Return the best that the agent in `slot` saw ahead when it decided, None where it does not look ahead."""
+        """Return the best plan that the agent in `slot` found when it decided, None where it does not look ahead."""
         return None
 
     def pack(self, slots: np.ndarray) -> Mapping[str, np.ndarray]:
