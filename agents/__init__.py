@@ -157,7 +157,7 @@ def load(
     """Return the world and the learners of a run folder, as its last checkpoint left them.
 
     `loop.run(*agents.load("runs/paper-0"), ticks=1_000)` continues the run exactly, in memory; the folder stays as it
-    is. With `frozen` the learners learn no more and explore with `epsilon`, as in `ecology evaluate`. They compute on
+    is. With `frozen` the learners stop learning and explore with `epsilon`, as in `ecology evaluate`. They compute on
     `device`, or where the run's did. Raises EcologyError where `folder` holds no run or no whole checkpoint.
 
     A run of a scenario file runs the code of that file. If the file has changed since or is missing, EcologyError is

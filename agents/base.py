@@ -1,4 +1,4 @@
-"""Learner, plural: all agents of one species, each learning for itself."""
+"""Base class of learners: one learner acts for all agents of a species, each of which learns for itself."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class DivergedError(EcologyError):
     """A network of the agent in `slot` (of the world) holds numbers that are not finite.
 
     Raised by a learner with what it was that diverged ("the deviation function J") and what to do
-    about it; whoever runs the world adds the tick and the agent's name.
+    about it; the run adds the tick and the agent's name.
     """
 
     def __init__(self, what: str, slot: int, advice: str = "") -> None:
@@ -31,11 +31,11 @@ class DivergedError(EcologyError):
 
 
 def drive_terms(layout: Layout) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return how an agent knows its drive: `mix` (D, D), `felt` (D,), p; zeta (..., D) as rows.
+    """Return the drive as a function of zeta (..., D), in rows: `mix` (D, D), `felt` (D,), p.
 
     d(zeta) = (epsilon + |zeta mix|^2)^(p/2) + zeta . felt: own regulated deviations, with what is felt of
-    others added to the deviation that it belongs to (`mix`) or to the drive itself (`felt`). For a drive that is
-    no paper's, see `drive_bend`.
+    others added to the deviation that it belongs to (`mix`) or to the drive itself (`felt`). `drive_bend` has what the
+    form of a drive has beyond the paper's.
     """
     count = len(layout.kinds)
     own = (np.array(layout.kinds) == "deviation") & layout.regulated
@@ -75,14 +75,14 @@ class Transition:
 
 
 class Learner(ABC):
-    """Those who act in the n slots of one species.
+    """A learner for all n slots of one species.
 
-    A learner sees zeta and the action mask, and is told what its senses and actions are
+    A learner gets zeta and the action mask, and knows what its senses and actions are
     (`Group`: layout, action names, kinds, speeds). It never sees the state of the world.
     """
 
     devices = False  # whether `with_settings` takes a device to compute on; else it is the CPU
-    decides = False  # whether `decision` returns what an agent weighs
+    decides = False  # whether `decision` returns decisions
 
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         self.group = group
@@ -112,7 +112,7 @@ class Learner(ABC):
         return drive_bend(self.group.layout)
 
     def drive(self, zeta: np.ndarray) -> np.ndarray:
-        """Return d (...) at zeta (..., D), which an agent is given to know; its reward is the fall of d in a tick."""
+        """Return the drive d (...) at zeta (..., D); the reward of a tick is the decrease of d."""
         mix, felt, exponent = self._terms
         above, power = self._bend
         own = zeta @ mix
@@ -125,29 +125,32 @@ class Learner(ABC):
         """Return an action (n,) for every slot, open in its mask; any number for a dead slot."""
 
     def learn(self, transition: Transition) -> None:  # noqa: B027  (most baselines learn nothing)
-        """Take in one tick of life."""
+        """Learn from one tick."""
 
     def died(self, slots: np.ndarray) -> None:  # noqa: B027
-        """Take note that the agents in `slots` (k,), rows of this species, died in this tick."""
+        """Handle the deaths of the agents in `slots` (k,), rows of this species, in this tick."""
 
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:  # noqa: B027
         """Begin a new life in `slots` (k,); `parents` (k,) are rows of this species, -1: came from outside."""
 
     def interrupted(self, slots: np.ndarray) -> None:  # noqa: B027
-        """Take note that the agents in `slots` (k,) were moved or changed between two ticks, by nobody's action.
+        """Handle agents in `slots` (k,) that were moved or changed from outside between two ticks.
 
         What comes next does not follow from what they did, so nothing about their actions is to be learned from it.
         """
 
     def begin(self) -> None:  # noqa: B027
-        """Forget what was under way: the next observation does not follow from the last."""
+        """Drop whatever is under way: the next observation does not follow from the last."""
 
     def evaluating(self, epsilon: float) -> None:
         """Stop learning; explore with `epsilon` from now on."""
         self.learning = False
 
     def report(self) -> Mapping[str, np.ndarray]:
-        """Return numbers by name, each (n,): what watchers may show."""
+        """Return numbers by name, each (n,): a column of `metrics.parquet` and a curve in the viewer.
+
+        The names are the same from the start of a run.
+        """
         return {}
 
     def deviation(self, slot: int, zeta: np.ndarray) -> np.ndarray | None:
@@ -155,7 +158,7 @@ class Learner(ABC):
         return None
 
     def follow(self, slots: Collection[int]) -> None:  # noqa: B027
-        """Keep from now on what the agents in `slots`, rows of this species, weigh when they decide; forget the rest.
+        """Record from now on the decisions of the agents in `slots`, rows of this species; drop those of all others.
 
         It must not change what an agent does or learns: observers call it.
         """
@@ -163,16 +166,17 @@ class Learner(ABC):
     def decision(self, slot: int) -> Decision | None:
         """Return the decision that the agent in `slot` acts on, None where there is none.
 
-        It is as it was when it was made if the agent was followed then. A learner that returns one sets `decides`.
+        It has the numbers with which it was made if the agent was followed then. A learner that returns decisions sets
+        `decides`.
         """
         return None
 
     def plan_ahead(self, slot: int) -> Plan | None:
-        """Return the best that the agent in `slot` saw ahead when it decided, None where it does not look ahead."""
+        """Return the best plan that the agent in `slot` found when it decided, None where it does not look ahead."""
         return None
 
     def pack(self, slots: np.ndarray) -> Mapping[str, np.ndarray]:
-        """Return all that the agents in `slots` (k,) have become, rows (k, ...) by name, for `unpack` elsewhere.
+        """Return all that the agents in `slots` (k,) have learned, rows (k, ...) by name, for `unpack` elsewhere.
 
         Those are the rows of every array of `state` that has a row per slot.
         """
@@ -180,7 +184,7 @@ class Learner(ABC):
         return {name: array[slots].copy() for name, array in arrays.items() if array.shape[:1] == (self.size,)}
 
     def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
-        """Let the agents in `slots` (k,) be those that another learner of this kind has packed."""
+        """Replace the agents in `slots` (k,) by those that another learner of this kind has packed."""
         arrays, values = self.state()
         if packed.keys() != {name for name, array in arrays.items() if array.shape[:1] == (self.size,)}:
             raise EcologyError(
@@ -193,9 +197,9 @@ class Learner(ABC):
         self.restore(arrays, values)
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return all that the learner has become: arrays, and plain values that JSON holds."""
+        """Return all that the learner has learned: arrays, and plain values that JSON holds."""
         return {}, {"rng": self.rng.bit_generator.state}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
-        """Become what `state` returned."""
+        """Restore what `state` returned."""
         self.rng.bit_generator.state = values["rng"]

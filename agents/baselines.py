@@ -23,7 +23,7 @@ def draw_open(masks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 class Random(Learner):
-    """One who takes every open action with the same probability."""
+    """A learner that takes every open action with the same probability."""
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Return open actions (n,), drawn uniformly."""
@@ -31,7 +31,7 @@ class Random(Learner):
 
 
 class Rest(Learner):
-    """One who does nothing for as long as its body lets it."""
+    """A learner that does nothing for as long as its body lets it."""
 
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         super().__init__(group, seed)
@@ -43,7 +43,7 @@ class Rest(Learner):
 
 
 class Averaging(Learner):
-    """One who keeps the mean of what it has met with each action, and takes the open action that scores least."""
+    """A learner that keeps the mean outcome of each action and takes the open action with the lowest score."""
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -110,7 +110,7 @@ class Averaging(Learner):
 
 
 class Greedy(Averaging):
-    """One who takes the open action after which it predicts the least drive, one tick ahead.
+    """A learner that takes the open action after which it predicts the least drive, one tick ahead.
 
     The prediction is its own: the mean change of zeta that it has met with each action, in the
     follow-up's words "argmin of the predicted next drive". An action not yet met is predicted to
@@ -127,7 +127,7 @@ class Greedy(Averaging):
 
 
 class QValue(Averaging):
-    """One who takes the open action after which the drive was least in the mean, whatever its state.
+    """A learner that takes the open action after which the drive was least on average, ignoring its state.
 
     The follow-up's "Q-value" baseline. An action not yet met counts as bringing no drive, so it is tried.
     """

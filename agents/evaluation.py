@@ -1,4 +1,4 @@
-"""What a learner has come to: its life, its maps, its choices and its knowledge against the true world.
+"""What a learner has learned: its life, its maps, its choices and its knowledge against the simulator.
 
 All measures are taken without learning, with a little exploration, on the true world. `evaluate` puts
 them together; `ABOUT` says what each key of its report means.
@@ -381,7 +381,7 @@ def transition_check(
 
 
 def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot: int) -> tuple[Floats, int]:
-    """Return zeta (D,) after the learner's `movement` from `zeta`, in the true world, and its ticks."""
+    """Return zeta (D,) after the learner's `movement` from `zeta`, in the simulator, and its ticks."""
     moves, group = learner.moves, learner.group  # type: ignore[attr-defined]
     species, names = env.scenario.species[group.index], list(group.layout.names)
     where = [names.index("x"), names.index("y")] if "x" in names else []
@@ -428,7 +428,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Lived:
-    """The run of the learner: the mean drive of its species, NaN of nobody, in blocks of `span` ticks from birth on."""
+    """The run of the learner: its species' mean drive, NaN if none is alive, in blocks of `span` ticks from birth."""
 
     drive: Floats  # (T,)
     span: int = 1

@@ -1,4 +1,4 @@
-"""The figures of an evaluation, as PNG files; colours are told apart by colour-blind readers too."""
+"""The figures of an evaluation, as PNG files; colour-blind readers can distinguish the colours."""
 
 from __future__ import annotations
 

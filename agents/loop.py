@@ -66,8 +66,8 @@ def advance(
 ) -> Tick:
     """Run for `ticks` ticks as `run` does, but leave `begin` and `end` of the observers to the caller.
 
-    Before every tick `between` is given the last one and returns what is perceived by then: it may wait, and put
-    things elsewhere.
+    Before every tick `between` gets the last one and returns what is perceived by then. It can wait, and change the
+    world.
     """
     observers = tuple(observers)
     groups = [(group, learners[group.name]) for group in env.groups.values()]
@@ -122,13 +122,13 @@ def advance(
 
 
 def follow(env: Ecology, learners: Mapping[str, Learner], tick: ScheduledTick) -> None:
-    """Tell the learners what the schedule did after a tick: whoever feels it was not interrupted, unless moved."""
+    """Report to the learners what the schedule did after a tick; agents that feel it are interrupted only if moved."""
     for _, effect in tick.effects:
         pass_on_effect(env, learners, effect, effect.moved if tick.felt else effect.changed)
 
 
 def report(env: Ecology, observers: Iterable[Observer], tick: ScheduledTick) -> None:
-    """Tell the observers what the schedule did after a tick."""
+    """Report to the observers what the schedule did after a tick."""
     for text, effect in tick.effects:
         for observer in observers:
             if (told := getattr(observer, "intervened", None)) is not None:
@@ -136,7 +136,7 @@ def report(env: Ecology, observers: Iterable[Observer], tick: ScheduledTick) -> 
 
 
 def pass_on_effect(env: Ecology, learners: Mapping[str, Learner], effect: Effect, cut: Iterable[int]) -> None:
-    """Tell the learners what an intervention did; in the slots `cut` what comes next does not follow from the last."""
+    """Report an intervention to the learners; in the slots `cut` the next observation does not follow from the last."""
     for species, learner in learners.items():
         rows = env.groups[species].slots
 
@@ -175,7 +175,7 @@ def _outcome(group: Group, before: Tick, tick: Tick) -> np.ndarray:
 
 
 def _pass_on(group: Group, learner: Learner, tick: Tick) -> None:
-    """Tell a learner who of its species died and who was born in `tick`."""
+    """Report to a learner which agents of its species died and were born in `tick`."""
     died, born = np.flatnonzero(tick.died[group.slots]), np.flatnonzero(tick.born[group.slots])
     if died.size:
         learner.died(died)

@@ -60,7 +60,7 @@ class Plans:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What a yardstick knows of the body and the resources, V needs, R resources, A actions."""
+    """What a baseline knows of the body and the resources, V needs, R resources, A actions."""
 
     table: ActionTable
     set_point: Floats  # (V,)
@@ -84,7 +84,7 @@ def served(table: ActionTable, resource: int) -> tuple[int, int]:
 
 
 def know(scenario: Scenario, group: Group) -> Knowledge:
-    """Return what there is to know for the species of `group`; EcologyError where no round is possible."""
+    """Return what there is to know for the species of `group`; EcologyError where no tour is possible."""
     species = scenario.species[group.index]
     for resource in scenario.resources:
         swings = resource.motion is None or isinstance(resource.motion, Oscillation)
@@ -134,7 +134,7 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
 
 
 def wants(plans: Plans, stage: Ints, at: Bools, internal: Floats, known: Knowledge) -> tuple[Bools, Bools, Bools]:
-    """Return who at its stay eats, who sleeps and who rests, each (P,); all others there are done with it.
+    """Return which plans at their stay eat, sleep and rest, each (P,); all others there are done with it.
 
     `stage` (P,) is the stay of the round, `at` (P,) whether it has been reached, `internal` (P, V) is x.
     """
@@ -379,7 +379,7 @@ def search(
 
 
 class Yardstick(Learner):
-    """One who carries out a plan in the world that it knows; abstract in how many stays a round may have."""
+    """Base class of baselines that carry out a plan in a world that they know, with any number of stays in a tour."""
 
     longest: ClassVar[int]
 
@@ -411,7 +411,7 @@ class Yardstick(Learner):
         self.plan, self.expected = search(scenario, group, self.known, self.travel, self.longest)
 
     def begin(self) -> None:
-        """Start the round anew."""
+        """Start the tour again."""
         self.stage = np.zeros(self.size, np.int64)
         self._legs = [Leg() for _ in range(self.size)]
 
@@ -476,13 +476,13 @@ class Yardstick(Learner):
 
 
 class Planner(Yardstick):
-    """A planner that makes rounds: the yardstick from below."""
+    """A planner that follows a tour: the baseline with the lowest drive."""
 
     longest: ClassVar[int] = 6
 
 
 class Camping(Yardstick):
-    """One who walks to the best resource, stays, and naps and rests there: the strongest simple policy."""
+    """A baseline that walks to the best resource, stays, and sleeps and rests there: the strongest simple policy."""
 
     longest: ClassVar[int] = 1
 
@@ -512,7 +512,7 @@ class Exploring(Learner):
         self.stage, self.left = np.zeros(self.size, np.int64), np.zeros(self.size, np.int64)
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
-        """Return an action (n,): that of the yardstick, or of a movement that is explored."""
+        """Return an action (n,): that of the baseline, or of an exploratory movement."""
         moves, row = self.moves, np.arange(self.size)
         explores = self.movement >= 0
         over = self.left <= 0

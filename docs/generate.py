@@ -27,6 +27,7 @@ from ecology import Action, Need, Outcome, Resource, Scenario, Species, World, a
 from ecology.agents import hjb
 from ecology.lab.certificate.cases import all_cases
 from ecology.lab.cli import app, parts
+from ecology.senses import PARAMETRIC
 
 HERE = Path(__file__).parent
 PART = re.compile(r"(<!-- generated: ([\w -]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
@@ -105,7 +106,7 @@ def prose(text: str | None) -> str:
 
 
 def fields_of(cls: type) -> list[Field]:
-    """Return the fields of a dataclass with the comment that stands behind each in its source."""
+    """Return the fields of a dataclass with the comment of each in its source."""
     source = textwrap.dedent(inspect.getsource(cls))
     comments = {
         token.start[0]: token.string.lstrip("# ")
@@ -118,7 +119,8 @@ def fields_of(cls: type) -> list[Field]:
         if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
             default = "" if line.value is None else ast.unparse(line.value)
             default = {"field(default_factory=dict)": "{}", "_field(default_factory=dict)": "{}"}.get(default, default)
-            found.append(Field(line.target.id, ast.unparse(line.annotation), default, comments.get(line.lineno, "")))
+            about = [comments[at] for at in range(line.lineno, (line.end_lineno or 0) + 1) if at in comments]
+            found.append(Field(line.target.id, ast.unparse(line.annotation), default, " ".join(about)))
     return found
 
 
@@ -146,6 +148,7 @@ def components() -> str:
     blocks = [
         value for value in vars(spec).values() if dataclasses.is_dataclass(value) and value.__module__ == spec.__name__
     ]
+    blocks += [each for each in PARAMETRIC if each not in blocks]
     parts = []
     for cls in (Scenario, *blocks, World, Outcome):
         assert isinstance(cls, type)
@@ -339,26 +342,47 @@ def resource_row(resource: Resource) -> tuple[str, ...]:
 # ---- commands --------------------------------------------------------------------------------
 
 
+def usage(name: str, command: Any) -> str:
+    """Return a command with its arguments and the options that it requires."""
+    words = [f"ecology {name}"]
+    for param in command.params:
+        metavar = param.metavar or str(param.name).upper()
+        if param.param_type_name != "argument":
+            words += [f"{param.opts[0]} {metavar}"] if param.required else []
+        else:
+            several = f"{metavar} ..." if param.nargs == -1 and not param.required else metavar
+            words.append(metavar if param.required else f"[{several}]")
+    return " ".join(words)
+
+
+def command_table() -> str:
+    """Return every command with the first line of its help."""
+    group: Any = typer.main.get_command(app)
+    first = {name: (command.help or "").strip().partition("\n")[0] for name, command in group.commands.items()}
+    rows = (
+        (code(usage(name, command)), cell(first[name].removesuffix("."))) for name, command in group.commands.items()
+    )
+    return table(("command", "does"), rows)
+
+
 def commands() -> str:
     """Return every command with its arguments and options."""
     group: Any = typer.main.get_command(app)
     parts = []
     for name, command in group.commands.items():
-        usage, rows = [f"ecology {name}"], []
+        rows = []
         for param in command.params:
-            metavar = param.metavar or str(param.name).upper()
             if param.param_type_name == "argument":
-                usage.append(metavar if param.required or metavar.startswith("[") else f"[{metavar}]")
-                word = metavar
+                word = param.metavar or str(param.name).upper()
             else:
                 takes = "" if param.is_flag else f" {param.metavar or kind(command, param.name)}"
                 word = ", ".join([*param.opts, *param.secondary_opts]) + takes
             rows.append((code(word), cell(default(param)), cell(param.help or "")))
-        parts.append(f"## `{' '.join(usage)}`\n\n{prose(command.help)}")
+        parts.append(f"## `{usage(name, command)}`\n\n{prose(command.help)}")
         if rows:
             parts.append(table(("option", "default", "meaning"), rows))
         if name == "reproduce":
-            parts.append(table(("result", "about"), ((code(c.name), cell(c.about)) for c in all_cases().values())))
+            parts.append(table(("case", "about"), ((code(c.name), cell(c.about)) for c in all_cases().values())))
     return "\n".join(parts)
 
 
@@ -396,6 +420,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "baseline settings": baseline_settings,
     "scenarios": scenario_table,
     "commands": commands,
+    "command table": command_table,
     **{f"scenario {name}": (lambda name=name: scenario(name)) for name in scenarios.names()},
 }
 
@@ -414,14 +439,14 @@ def stale(pages: Iterable[Path]) -> dict[Path, str]:
 
 def main() -> None:
     """Renew the pages, or check them."""
-    pages = stale(sorted(HERE.rglob("*.md")))
+    pages = stale([HERE.parent / "README.md", *sorted(HERE.rglob("*.md"))])
     if "--check" in sys.argv[1:]:
         if pages:
-            sys.exit(f"stale: {', '.join(str(page.relative_to(HERE)) for page in pages)}; run `make docs`")
+            sys.exit(f"stale: {', '.join(str(page.relative_to(HERE.parent)) for page in pages)}; run `make docs`")
         return
     for page, text in pages.items():
         page.write_text(text, encoding="utf-8")
-        print(f"written: docs/{page.relative_to(HERE)}")
+        print(f"written: {page.relative_to(HERE.parent)}")
 
 
 if __name__ == "__main__":

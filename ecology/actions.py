@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ecology import elementary, fields, stages
+from ecology import elementary, fields, life_stages
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import angle_of
 from ecology.errors import EcologyError
@@ -301,7 +301,7 @@ def open_actions(
         for group, table in model.acting
     }
     if model.stages is not None:
-        stages.close(model, state, masks)
+        life_stages.close(model, state, masks)
     if model.cued is not None:
         close_uncued(model, state, masks)
     return masks
@@ -319,7 +319,7 @@ def compile_cued(everyone: Sequence[Species], cues: Mapping[str, int]) -> tuple[
 
 
 def close_uncued(model: Model, state: State, masks: dict[str, Bools]) -> None:
-    """Close in `masks`, by species (n, A), the actions whose cue is not shown; an action that binds a body goes on."""
+    """Close in `masks`, by species (n, A), actions whose cue is not shown; an action that binds a body continues."""
     assert model.cued is not None
     assert state.cue is not None
     for (group, table), cue in zip(model.acting, model.cued, strict=True):

@@ -69,7 +69,7 @@ class Pool:
     species: str
     generation: float  # units of time
     fitness: str = ALIVE  # 1 for the living, or the name of a need: its level above the lower bound
-    relatedness: float = 0.0
+    relatedness: float = 0.0  # probability that two newborns of an island share a parent, besides chance
     parents: int = 1  # with 2, every trait comes from one of them at random
     renew: bool = True  # whether every generation starts with the initial stocks
 
@@ -92,8 +92,8 @@ class Archipelago:
     name: str
     islands: tuple[Island, ...]
     every: float = 100.0  # units of time between two exchanges of migrants
-    migrations: tuple[Migration, ...] = ()
-    pool: Pool | None = None
+    migrations: tuple[Migration, ...] = ()  # of at most one per species
+    pool: Pool | None = None  # of a species that breeds from all islands
     ticks: int = 10_000  # default length of a run
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by its file
 
@@ -174,7 +174,7 @@ def _check_matrix(owner: str, matrix: tuple[tuple[float, ...], ...], count: int)
         total = sum(row)
         require(
             good and row[i] == 0 and (total == 0 or abs(total - 1) <= SELF),
-            f"{owner}: row {i} of the matrix has shares of 0 or more that sum to 1, or to 0 where nobody leaves, and 0 "
+            f"{owner}: row {i} of the matrix has shares of at least 0 that sum to 1, or to 0 if none leaves, and 0 "
             f"for the island itself; got {row!r}.",
         )
 

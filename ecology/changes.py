@@ -65,7 +65,7 @@ def rename(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
 
 
 def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
-    """Raise EcologyError where `changed` would make of `state` what no world can come to; headings are wrapped."""
+    """Raise EcologyError where `changed` would give `state` values that no world can reach; headings are wrapped."""
     scenario, body, table, plane, choices = model.scenario, model.body, model.resources, model.plane, model.choices
     alive = changed.get("alive", state.alive)
     slots, patches = len(alive), len(table.stock)
@@ -126,7 +126,7 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
 
 
 def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -> None:
-    """Raise EcologyError where a state that was kept, and what the solver was `told`, is none that a world comes to.
+    """Raise EcologyError where a kept state, or the solver's inputs `told`, has values that no world can reach.
 
     A fork may change the arena, the bounds and the stocks of a scenario under a state, so those are not compared.
     """
@@ -184,7 +184,7 @@ def inside(scenario: Scenario, place: Floats) -> Bools:
 
 
 def _names(changed: Mapping[str, np.ndarray], state: State, model: Model, alive: Bools) -> None:
-    """Raise EcologyError where two would have one name, or names and causes of death do not fit who lives."""
+    """Raise EcologyError where two would have one name, or names and causes of death do not fit the living."""
     serial, cause = changed.get("serial", state.serial), changed.get("cause", state.cause)
     if "serial" in changed:
         same, named = serial == state.serial, model.grows

@@ -172,7 +172,7 @@ def _temporary_folder() -> Path:
 
 
 def _is_private(folder: Path) -> bool:
-    """Return whether `folder` is a folder of this user, and no link, that nobody else can write."""
+    """Return whether `folder` is a folder of this user, not a link, and not writable by others."""
     found = folder.lstat()
     if not hasattr(os, "getuid"):  # Windows: temporary folders are the user's own
         return stat.S_ISDIR(found.st_mode)

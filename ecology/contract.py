@@ -1,7 +1,7 @@
-"""The contract that every scenario keeps: what learners, libraries and readers of results rely on.
+"""The contract that every scenario must satisfy: what learners, libraries and readers of results rely on.
 
-A check is a function of a scenario and a number of ticks; what is broken is raised, as an EcologyError
-that says where. `ecology check` and the tests run the same checks.
+A check is a function of a scenario and a number of ticks; it raises an EcologyError that says what is broken and
+where. `ecology check` and the tests run the same checks.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def choose(env: Ecology, tick: Tick, rng: np.random.Generator, *, open_only: boo
 
 
 def check(scenario: Scenario, ticks: int) -> Iterator[tuple[str, Exception | None]]:
-    """Yield what each check holds and what was raised where it is broken, None where it is kept."""
+    """Yield the description of each check, and the exception that it raised; None if it passed."""
     for holds, it in CHECKS.items():
         try:
             it(scenario, ticks)
@@ -57,7 +57,7 @@ def check(scenario: Scenario, ticks: int) -> Iterator[tuple[str, Exception | Non
 
 
 def reason(error: Exception) -> str:
-    """Return why a check is broken, from what it raised."""
+    """Return why a check failed, from the exception that it raised."""
     return str(error) if isinstance(error, EcologyError) else f"{type(error).__name__}: {error}"
 
 
@@ -78,7 +78,7 @@ def _same(one: Any, other: Any, what: str) -> None:
         raise EcologyError(f"{what}: {one!r} is not {other!r}.")
 
 
-# ---- the border ------------------------------------------------------------------------------
+# ---- the interface ------------------------------------------------------------------------------
 
 
 def pettingzoo_accepts_it(scenario: Scenario, ticks: int) -> None:
@@ -104,7 +104,7 @@ def pettingzoo_accepts_it(scenario: Scenario, ticks: int) -> None:
 
 
 def observations_lie_in_their_space(scenario: Scenario, ticks: int) -> None:
-    """Hold what an agent perceives to be finite and inside its space, whatever it asks for."""
+    """Check that observations are finite and inside their space, whatever the actions."""
     env = Ecology(scenario)
     rng = np.random.default_rng(1)
     observations, _ = env.reset(seed=1)
@@ -123,7 +123,7 @@ def observations_lie_in_their_space(scenario: Scenario, ticks: int) -> None:
 
 
 def the_mask_is_honoured(scenario: Scenario, ticks: int) -> None:
-    """Hold what is executed to what was open: a closed action becomes rest, or what is open without it, and counts."""
+    """Check that only open actions are executed: a closed one becomes rest, or what is open without it, and counts."""
     env = Ecology(scenario)
     asked_closed = np.zeros(env.size, np.int64)
     for before, wanted, tick in _lives(env, 2, ticks, open_share=0.5):
@@ -137,12 +137,12 @@ def the_mask_is_honoured(scenario: Scenario, ticks: int) -> None:
                 if mask[asked] or mask[rest]:
                     due = asked if mask[asked] else rest
                     require(
-                        did == due, f"{who} asks for {group.actions[asked]!r} and does {group.actions[did]!r} "
+                        did == due, f"{who} chooses {group.actions[asked]!r} and does {group.actions[did]!r} "
                         f"instead of {group.actions[due]!r}."
                     )  # fmt: skip
                 require(
                     bool(tick.closed[slot]) == (not mask[asked]),
-                    f"{who} asks for {group.actions[asked]!r} and is told closed = {bool(tick.closed[slot])}.",
+                    f"{who} chooses {group.actions[asked]!r} and gets closed = {bool(tick.closed[slot])}.",
                 )
             dead = ~before.alive[group.slots]
             require(
@@ -153,7 +153,7 @@ def the_mask_is_honoured(scenario: Scenario, ticks: int) -> None:
 
 
 def infos_tell_drive_and_closed(scenario: Scenario, ticks: int) -> None:
-    """Hold `infos` to the drive and whether the last action was closed; the mask is in the observation alone."""
+    """Check that `infos` has the drive and whether the last action was closed; the mask is in the observation alone."""
     env = Ecology(scenario)
     observations, infos = env.reset(seed=3)
     closed: dict[str, bool] = dict.fromkeys(env.agents, False)
@@ -170,7 +170,7 @@ def infos_tell_drive_and_closed(scenario: Scenario, ticks: int) -> None:
 
 
 def dicts_and_arrays_agree(scenario: Scenario, ticks: int) -> None:
-    """Hold `step` and `step_arrays` to one trajectory, number for number.
+    """Check that `step` and `step_arrays` give one trajectory, number for number.
 
     Newborns are in all five dicts on the tick of their birth, the dead for a last time on that of their death.
     """
@@ -206,7 +206,7 @@ def dicts_and_arrays_agree(scenario: Scenario, ticks: int) -> None:
 
 
 def a_horizon_truncates_everyone(scenario: Scenario, ticks: int) -> None:
-    """After `horizon` ticks hold every agent to be truncated and none to remain."""
+    """Check that after `horizon` ticks every agent is truncated and none remains."""
     horizon = min(HORIZON, ticks)
     env = Ecology(scenario, horizon=horizon)
     env.reset(seed=0)
@@ -223,7 +223,7 @@ def a_horizon_truncates_everyone(scenario: Scenario, ticks: int) -> None:
 
 
 def what_was_handed_out_stays(scenario: Scenario, ticks: int) -> None:
-    """Hold later ticks not to write into arrays that were handed out before."""
+    """Check that later ticks do not write into arrays that were returned before."""
     env, kept = Ecology(scenario), []
     for before, _, tick in _lives(env, 5, min(ticks, HANDED_OUT)):
         for one in (before, tick, env.state_view):
@@ -251,7 +251,7 @@ def _fingerprints(env: Ecology, seed: int, ticks: int) -> list[str]:
 
 
 def the_seed_decides_the_life(scenario: Scenario, ticks: int) -> None:
-    """Hold two worlds with one seed, and one reset to its seed, to one life, bit for bit."""
+    """Check that two worlds with one seed, and one reset to its seed, give one run, bit for bit."""
     env = Ecology(scenario)
     first = _fingerprints(env, 11, ticks)
     for whose, again in (("another world", Ecology(scenario)), ("the world after a reset", env)):
@@ -264,7 +264,7 @@ def the_seed_decides_the_life(scenario: Scenario, ticks: int) -> None:
 
 
 def a_snapshot_lives_on(scenario: Scenario, ticks: int) -> None:
-    """Hold a world that is left and entered to go on bit for bit as one that never was, at a fifth of its ticks."""
+    """Check that a world restored from a snapshot, at a fifth of its ticks, continues bit for bit."""
     env, other = Ecology(scenario), Ecology(scenario)
     rng = np.random.default_rng(6)
     tick = env.reset_arrays(seed=6)
@@ -289,7 +289,7 @@ def a_snapshot_lives_on(scenario: Scenario, ticks: int) -> None:
 
 
 def a_copy_lives_on(scenario: Scenario, ticks: int) -> None:
-    """Hold a deep copy, and a pickled one, taken at a third of the ticks, to go on bit for bit as the original."""
+    """Check that a deep copy and a pickled one, taken at a third of the ticks, continue bit for bit as the original."""
     env = Ecology(scenario)
     rng = np.random.default_rng(10)
     tick = env.reset_arrays(seed=10)
@@ -313,7 +313,7 @@ def a_copy_lives_on(scenario: Scenario, ticks: int) -> None:
 
 
 def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
-    """Hold the living to be within the arena, and their ways to cross no wall, whatever they do."""
+    """Check that the living are within the arena and their paths cross no wall, whatever the actions."""
     if scenario.rule is not None:  # a rule may put a body behind a wall, so ways are looked at without it
         bodies_stay_inside(dataclasses.replace(scenario, rule=None, memory={}), ticks)
     env = Ecology(scenario)
@@ -341,7 +341,7 @@ def bodies_stay_inside(scenario: Scenario, ticks: int) -> None:
 
 
 def bodies_reach_everything(scenario: Scenario, _: int) -> None:
-    """Hold the arena to be one room for the smallest body: no door is too narrow, no part cut off."""
+    """Check that the smallest body can reach all of the arena: no passage is too narrow, no part cut off."""
     radius = min(species.radius for species in scenario.species)
     cut = "" if scenario.arena.torus else split_room(scenario.arena, radius)
     if cut:
@@ -349,7 +349,7 @@ def bodies_reach_everything(scenario: Scenario, _: int) -> None:
 
 
 def accounts_close(scenario: Scenario, ticks: int) -> None:
-    """Hold every account to close after every tick."""
+    """Check that every account closes after every tick."""
     env = Ecology(scenario)
     env.reset_arrays(seed=7)
     first = env.state_view.copy()
@@ -358,7 +358,7 @@ def accounts_close(scenario: Scenario, ticks: int) -> None:
 
 
 def account_closes(env: Ecology, first: State) -> None:
-    """Hold every quantity of a world that began as `first` to what came in less what went out, to rounding.
+    """Check that every quantity of a world that began as `first` is what came in less what went out, to rounding.
 
     No stock is below zero. Raises EcologyError.
     """
@@ -394,7 +394,7 @@ def account_closes(env: Ecology, first: State) -> None:
 
 
 def names_never_return(scenario: Scenario, ticks: int) -> None:
-    """Hold serials to be given once, in order, to one life from its birth to its death, with a rest between two."""
+    """Check that serials are given once, in order, to one life from birth to death, with a rest between two."""
     env = Ecology(scenario)
     over: set[int] = set()
     env.reset_arrays(seed=8)
@@ -403,24 +403,26 @@ def names_never_return(scenario: Scenario, ticks: int) -> None:
         now = env.state_view
         serials = now.serial[tick.alive].tolist()
         who = f"tick {now.tick}"
-        require(len(set(serials)) == len(serials), f"{who}: two that live have one serial.")
-        require(not over.intersection(serials), f"{who}: serials of the dead live, {over.intersection(serials)}.")
+        require(len(set(serials)) == len(serials), f"{who}: two living agents have one serial.")
+        require(not over.intersection(serials), f"{who}: serials of the dead are in use, {over.intersection(serials)}.")
         require(max(serials, default=-1) < now.next_serial, f"{who}: a serial is beyond the next, {now.next_serial}.")
-        require(bool(free[tick.born].all()), f"{who}: one is born into a slot that was not free when the tick began.")
+        require(
+            bool(free[tick.born].all()), f"{who}: an agent is born into a slot that was not free when the tick began."
+        )
         require(
             bool((tick.alive == ((before.alive & ~tick.died) | tick.born)).all()),
-            f"{who}: who lives is not who lived, less who died, and who was born.",
+            f"{who}: the living are not (previously living - died + born).",
         )
         require(
             bool(((now.cause > 0) == ~tick.alive)[now.serial >= 0].all()),
-            f"{who}: the dead have a cause of death, and only they.",
+            f"{who}: the dead must have a cause of death, and only they.",
         )
         over.update(now.serial[tick.died].tolist())
         free = ~tick.alive
 
 
 def gone_patches_offer_nothing(scenario: Scenario, ticks: int) -> None:
-    """Hold patches that come and go to be there with more than `gone_below`, or gone: empty, unseen, and not drawn."""
+    """Check that patches that come and go either hold more than `gone_below`, or are empty, unseen and not drawn."""
     ends = np.array(
         [-1.0 if r.gone_below is None else r.gone_below for r in scenario.resources for _ in range(r.count)]
     )
@@ -441,16 +443,16 @@ CHECKS: Mapping[str, Check] = {
     "PettingZoo's own test passes": pettingzoo_accepts_it,
     "observations and rewards are finite, observations inside their space": observations_lie_in_their_space,
     "the action mask is honoured": the_mask_is_honoured,
-    "infos tell the drive and closed actions": infos_tell_drive_and_closed,
+    "infos have the drive and closed actions": infos_tell_drive_and_closed,
     "dicts and arrays give one trajectory, births and deaths included": dicts_and_arrays_agree,
-    "a horizon truncates everyone": a_horizon_truncates_everyone,
-    "what was handed out stays as it was": what_was_handed_out_stays,
-    "the same seed gives the same life": the_seed_decides_the_life,
-    "a snapshot lives on bit for bit": a_snapshot_lives_on,
-    "a copy lives on bit for bit": a_copy_lives_on,
-    "nobody leaves the arena or goes through a wall": bodies_stay_inside,
+    "a horizon truncates every agent": a_horizon_truncates_everyone,
+    "returned arrays never change": what_was_handed_out_stays,
+    "the same seed gives the same run": the_seed_decides_the_life,
+    "a snapshot continues bit for bit": a_snapshot_lives_on,
+    "a copy continues bit for bit": a_copy_lives_on,
+    "no body leaves the arena or goes through a wall": bodies_stay_inside,
     "the smallest body can reach all of the arena": bodies_reach_everything,
     "every account closes": accounts_close,
-    "names never return": names_never_return,
-    "what is gone offers nothing": gone_patches_offer_nothing,
+    "names are never used again": names_never_return,
+    "patches that are gone offer nothing": gone_patches_offer_nothing,
 }

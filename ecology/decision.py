@@ -1,4 +1,4 @@
-"""What an agent weighed when it chose what it does: shown by a learner, drawn by observers."""
+"""The decision of an agent, with its options and their scores: returned by a learner, drawn by observers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ecology.state import Bools, Floats
 
 @dataclass(frozen=True)
 class Decision:
-    """A choice between M options, with the numbers that it was made by; drives and scores in drive units."""
+    """A choice between M options, with the numbers on which it was based; drives and scores in drive units."""
 
     options: tuple[str, ...]  # M names
     open: Bools  # (M,) which of them could be chosen

@@ -87,7 +87,7 @@ def compile_coupling(species: Sequence[Species], slots: Sequence[slice], width: 
 def matrix(
     coupling: Coupling, state: State, plane: Plane, pairs: Pairs | None, seen: Bools | None, ring: Ints | None
 ) -> Floats:
-    """Return who feels whom now and how much, (n, m): the weights under every condition and lesion.
+    """Return how much n agents feel of m others now, (n, m): the weights under every condition and lesion.
 
     `pairs` and which of them are `seen` (P,) serve the condition of sight; `ring` (N,) is an order of
     all slots in which a shuffled partner is the next one.

@@ -90,7 +90,7 @@ class Ecology(ParallelEnv):
 
     @property
     def open_population(self) -> bool:
-        """Return whether anyone can be born."""
+        """Return whether agents can be born."""
         return self.world.model.grows
 
     # ---- the world in arrays -------------------------------------------------------------
@@ -128,8 +128,8 @@ class Ecology(ParallelEnv):
 
         `actions` (N,) holds an index into each slot's own species' actions; entries of dead
         slots are ignored. What the schedule does after the tick is perceived with it: a `ScheduledTick` then.
-        `steering` (N, 2) is the speed and the turn rate at which those that move do so, see `ecology.steered`; where
-        it is NaN they are the action's.
+        `steering` (N, 2) is the speed and the turn rate of bodies that move, see `ecology.steered`; where it is NaN
+        they are the action's.
         """
         if steering is not None:
             require(
@@ -154,9 +154,9 @@ class Ecology(ParallelEnv):
         return self.world.sighted(slot)
 
     def coupling(self, species: str, need: str | None = None) -> tuple[Floats, Ints] | None:
-        """Return the weights w_ij with which the n slots of `species` feel m slots now, (n, m), and those slots, (m,).
+        """Return the weights of empathy w_ij of the n slots of `species` for m slots, (n, m), and those slots, (m,).
 
-        The slots of `species` itself are among the m, and w_ii is one's own weight. Sum form: the drive is
+        The slots of `species` itself are among the m, and w_ii is an agent's weight for itself. Sum form: the drive is
         sum_j w_ij d_j. Average form: it is d(sum_j w_ij delta_j), need by need, and the weights are those of `need`,
         or of the need that is felt most. Dead slots have no weights. None where the species has no empathy.
         """
@@ -166,15 +166,15 @@ class Ecology(ParallelEnv):
         """Overwrite fields of the state between ticks and return a Tick of what is perceived now.
 
         `env.put(position=..., internal=...)`, each of the field's own shape, for probes and tests. Slots that are no
-        longer `alive` have died of the rule; those that are again go on under their name, or get a new one where
-        nobody lived. Raises EcologyError, the state being unchanged, for what no world can come to: places outside
-        the arena, needs beyond their bounds (but lethal ones, of which the agent then dies), stocks below 0 or above
-        their capacity, unknown actions, slots or names.
+        longer `alive` have died of the rule; those that are alive again keep their name, or get a new one in a slot
+        that was never used. Raises EcologyError, the state being unchanged, for values that no world can reach: places
+        outside the arena, needs beyond their bounds (but lethal ones, of which the agent then dies), stocks below 0
+        or above their capacity, unknown actions, slots or names.
         """
         return self.world.put(**fields)
 
     def settle(self, species: str, place: tuple[float, float], heading: float = 0.0) -> tuple[Tick, int]:
-        """Let one more agent live between ticks, at `place`; return a Tick of what is perceived now, and its slot.
+        """Add an agent at `place` between ticks; return a Tick of what is perceived now, and its slot.
 
         It has the needs of a newborn and no parent. Where there are no births, a dead agent returns under its name.
         Raises EcologyError where every slot of the species is taken or the place lies outside the arena.
@@ -221,7 +221,7 @@ class Ecology(ParallelEnv):
         return self.world.change(path, value)
 
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return all that the world has become: arrays by name, and plain values that JSON holds.
+        """Return the complete state of the world: arrays by name, and plain values that JSON holds.
 
         A world that is restored from here continues bit for bit as this one does.
         """
@@ -245,7 +245,7 @@ class Ecology(ParallelEnv):
 
     @property
     def agents(self) -> list[str]:  # type: ignore[override]
-        """Return the names of the living, in the order of their slots; nobody's before a reset and at the horizon."""
+        """Return the names of the living, in the order of their slots; none before a reset and at the horizon."""
         return self._enlist()[0]
 
     @property
@@ -285,7 +285,7 @@ class Ecology(ParallelEnv):
         return found
 
     def species_of(self, agent: str) -> str:
-        """Return the species of anyone who lives, has lived or will; EcologyError for a name that nobody can have."""
+        """Return the species of an agent, alive or not; EcologyError for a name that no agent can have."""
         species, _, serial = str(agent).rpartition("_")
         founders = getattr(self, "possible_agents", None)
         if species not in self.groups or not serial.isdecimal() or (founders is not None and agent not in founders):
@@ -295,7 +295,7 @@ class Ecology(ParallelEnv):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Start anew; without a seed, from one that is drawn or derived from the last: see `reset_arrays`."""
+        """Start a new episode; without a seed, from one that is drawn or derived from the last: see `reset_arrays`."""
         tick = self.reset_arrays(seed)
         slots = np.array(list(self._slots.values()), np.int64)
         return self._observation_dict(tick, self.agents, slots), self._info_dict(tick, self.agents, slots)

@@ -1,4 +1,4 @@
-"""FixedSlots: a world of births and deaths for libraries that want the same agents all the time."""
+"""FixedSlots: a world of births and deaths for libraries that require a fixed list of agents."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from ecology.world import Tick
 
 
 class FixedSlots(ParallelEnv):
-    """The slots of a world as PettingZoo agents, `{species}_slot_{i}`: none comes, none goes (black death).
+    """The slots of a world as PettingZoo agents, `{species}_slot_{i}`: the list never changes (black death).
 
-    An empty slot observes zeros, may only rest and is rewarded 0. A death closes a slot and gives its
-    last reward; a newborn starts a new life in a slot, with reward 0 on that tick. Nobody terminates;
+    An empty slot observes zeros, can only rest and gets the reward 0. A death closes a slot and gives its
+    last reward; a newborn starts a new life in a slot, with reward 0 on that tick. No slot terminates;
     at the world's horizon all are truncated. `infos[name]` holds Ecology's `drive` and `closed`, and
-    `alive`, `born` (in this tick) and `agent`, the name of who lives there or None.
+    `alive`, `born` (in this tick) and `agent`, the name of the agent in the slot or None.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**Ecology.metadata, "name": "ecology_fixed_slots"}
 
     def __init__(self, env: Ecology, *, flatten: bool = False, pad: bool = False, names: bool = True) -> None:
-        """Wrap `env`, which nobody else may step from now on.
+        """Wrap `env`, which must not be stepped directly from now on.
 
         `flatten`: an observation is one Box, float32 (D + A,): zeta, then the action mask. `pad`: all
         species have the spaces of the largest D and A; what is added to an observation is 0, and an
@@ -62,7 +62,7 @@ class FixedSlots(ParallelEnv):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Start anew; without a seed, from one that the world draws or derives from the last."""
+        """Start a new episode; without a seed, from one that the world draws or derives from the last."""
         tick = self.env.reset_arrays(seed)
         self._ticks = 0
         self.agents = list(self.possible_agents)

@@ -45,7 +45,7 @@ class Hauling:
 def compile_hauling(
     species: Sequence[Species], things: Sequence[Resource], slots: Mapping[str, slice], patches: Mapping[str, slice]
 ) -> Hauling | None:
-    """Return the constants of what `species` carry, None where nobody does."""
+    """Return the constants of what `species` carry; None if no species does."""
     if not any(s.carries for s in species):
         return None
     row = {r.name: i for i, r in enumerate(things)}
@@ -161,7 +161,7 @@ def _put_down(model: Model, state: State, resource: int, who: Ints, amount: Floa
 
 
 def fall(model: Model, state: State, died: Bools) -> None:
-    """Let what those who `died` (N,) carried fall as patches where they come and go; the rest is lost with the body."""
+    """Drop the load of agents that `died` (N,) as patches, where these come and go; the rest is lost with it."""
     if model.hauling is None or state.load is None or not died.any():
         return
     state.own("load", "stock", "grown", "resource_position", "bound_for")

@@ -200,14 +200,14 @@ def price(before: Mapping[int, float], after: Mapping[int, tuple[float, Sequence
 
     `before`: the trait of everybody who lived then, by serial. `after`: of everybody who lives now, its trait and the
     serials of those of `before` that it descends from: itself, or one or two parents. Raises EcologyError where
-    somebody descends from nobody who lived before.
+    somebody has no parent among the agents before.
     """
     z = np.array(list(before.values()), float)
     place = {serial: i for i, serial in enumerate(before)}
     w, passed = np.zeros(len(z)), np.zeros(len(z))  # fitness, and fitness times the change from it to descendants
     for serial, (value, sources) in after.items():
         require(
-            bool(sources) and set(sources) <= place.keys(), f"agent {serial} descends from nobody who lived before."
+            bool(sources) and set(sources) <= place.keys(), f"agent {serial} has no parent among the agents before."
         )
         for source in sources:
             share = 1 / len(sources)

@@ -94,7 +94,7 @@ def _give_birth(model: Model, state: State, name: str, species: Species, free: i
 
 
 def _mated(model: Model, state: State, parents: Ints, able: Ints, within: float) -> Ints:
-    """Return those of `parents` (k,) that have a mate, the nearest other one of `able` (m,), and note who it is."""
+    """Return those of `parents` (k,) that have a mate, the nearest other one of `able` (m,), and record it."""
     if len(able) < 2 or not parents.size:
         return parents[:0]
     gap = model.plane.gap(state.position[parents, None], state.position[able])
@@ -146,7 +146,7 @@ def are_kin(state: State, one: Ints, other: Ints) -> Bools:
 
 
 def fit(birth: Birth, needs: tuple[str, ...], internal: Floats, age: Floats, alive: Bools) -> Bools:
-    """Return who can bear: alive, mature and with every need at its threshold, (n,) for internal (n, V)."""
+    """Return which agents can reproduce: alive, mature, every need at its threshold, (n,) for internal (n, V)."""
     able: Bools = alive & (age >= birth.maturity)
     for name, least in birth.threshold.items():
         able &= internal[:, needs.index(name)] >= least
@@ -218,7 +218,7 @@ def die(model: Model, state: State, internal: Floats, met: Met, rng: np.random.G
 
 
 def fails(hazard: Hazard, age: Floats, dt: float, rng: np.random.Generator) -> Bools:
-    """Return who of age (n,) dies by chance in a tick: the exact probability of a Gompertz hazard, (n,)."""
+    """Return which agents of age (n,) die by chance in a tick: the exact probability of a Gompertz hazard, (n,)."""
     c = hazard.ageing
     span = dt if c == 0 else elementary.exp(c * age) * elementary.expm1(c * dt) / c
     return rng.random(len(age)) < -elementary.expm1(-hazard.rate * span)

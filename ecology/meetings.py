@@ -1,4 +1,4 @@
-"""What bodies do to each other when they meet: bite, give, crowd, and the scenario's own rule."""
+"""Interactions of bodies: bites, gifts, crowding, and the scenario's own rule."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ use_cache(__file__, walls.__file__)
 
 @dataclass
 class Outcome:
-    """What meetings come to in one tick, for N slots and V needs. It has no other fields than these."""
+    """What a rule returns: the effects of one tick, for N slots and V needs."""
 
     received: Floats  # (N, V) units added to needs
     given: Floats  # (N, V) units taken from needs
-    killed: Bools  # (N,)
+    killed: Bools  # (N,) whether the agent dies
     position: Floats | None = None  # (N, 2) where bodies are put; None: they stay where they are
     stock: Floats | None = None  # (R,) units added to stocks that are there, taken where negative
     patches: dict[str, Floats] = field(default_factory=dict)  # resource -> (k, 3) x, y, stock of patches that appear
     births: dict[str, Floats] = field(default_factory=dict)  # species -> (k, 2) where newborns start
-    parents: dict[str, Ints] = field(default_factory=dict)  # species -> (k,) slot of each newborn's parent, -1 without
+    parents: dict[str, Ints] = field(default_factory=dict)  # species -> (k,) slot of each newborn's parent; -1: none
     pace: Floats | None = None  # (N,) share of its speed at which a body moves in the next tick, from 0 to 1; None: all
     sight: Floats | None = None  # (N,) share of its view range that it sees until the next tick, from 0 to 1; None: all
     doors: dict[str, bool] = field(default_factory=dict)  # name -> whether it is to be open after this tick
-    memory: dict[str, Any] = field(default_factory=dict)  # name -> what the rule remembers of it from now on
+    memory: dict[str, Any] = field(default_factory=dict)  # name -> value that the rule remembers from now on
     set_point: Floats | None = None  # (N, V) x* from now on, of needs with a set_range; None: they stay
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -57,7 +57,7 @@ OUTCOME = tuple(f.name for f in fields(Outcome))
 
 @dataclass(frozen=True)
 class World:
-    """What a scenario's own rule is shown: the read-only state in the middle of a tick, and where to find what.
+    """What a scenario's rule gets: the read-only state in the middle of a tick, and the names of its rows and columns.
 
     Bodies have moved; needs are as they were at the start of the tick.
     """
@@ -165,7 +165,7 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
 
 @dataclass
 class Met:
-    """What meetings came to in a tick."""
+    """The effects of meetings in one tick."""
 
     received: Floats  # (N, V)
     given: Floats  # (N, V)
@@ -198,7 +198,7 @@ def meet(model: Model, state: State, seen: Perception, control: Floats, rng: Map
 
 
 def _bite_and_give(model: Model, state: State, seen: Perception, met: Met, rng: np.random.Generator) -> None:
-    """Write what bites and gifts come to into `met` and the state."""
+    """Write the effects of bites and gifts into `met` and the state."""
     state.bit, state.gave = model.nobody.copy(), model.nobody.copy()
     attackers, victims, chance = [], [], []
     for group, table in model.acting:
@@ -225,7 +225,7 @@ def _bite_and_give(model: Model, state: State, seen: Perception, met: Met, rng: 
 
 
 def _wound(model: Model, state: State, attacker: Ints, victim: Ints, met: Met) -> None:
-    """Write what successful bites (k,) come to into `met` and the state."""
+    """Write the effects of successful bites (k,) into `met` and the state."""
     biter, wound = model.nobody.copy(), np.zeros(met.given.shape)
     biter[victim] = attacker
     state.bit[attacker] = victim

@@ -18,6 +18,7 @@ from ecology.fields import Fields, compile_fields
 from ecology.ground import Ground, Plane, ground_of
 from ecology.hauling import Hauling, compile_hauling
 from ecology.heredity import Heredity, compile_heredity
+from ecology.life_stages import Stages, compile_stages
 from ecology.physiology import Body
 from ecology.powers import Slot, compile_memory
 from ecology.resources import ResourceTable
@@ -26,7 +27,6 @@ from ecology.senses import Gaze, Layout
 from ecology.setpoints import Moving, compile_moving
 from ecology.sight import Eyes, compile_eyes
 from ecology.spec import Hearing, Species
-from ecology.stages import Stages, compile_stages
 from ecology.state import Bools, Floats, Ints, State
 
 
@@ -252,7 +252,7 @@ def _blocks(counts: list[int]) -> list[slice]:
 
 
 def _nearness(scenario: Scenario, gazes: tuple[Gaze, ...]) -> float:
-    """Return the distance within which anyone senses, meets or crowds another; 0: nobody does."""
+    """Return the distance within which agents sense, meet or crowd each other; 0: none do."""
     found = [0.0]
     for s, gaze in zip(scenario.species, gazes, strict=True):
         if s.neighbours or (s.empathy is not None and s.empathy.sight):

@@ -159,7 +159,7 @@ class Physics:
         return after, held
 
     def memory(self) -> dict[str, np.ndarray]:
-        """Return what the solver was told since it was built: K ticks of position, velocity and alive."""
+        """Return the solver's inputs since it was built: K ticks of position, velocity and alive."""
         n, told = self.count, self.told
         return {
             "told_position": np.array([p for p, _, _ in told]).reshape(-1, n, 2),
@@ -219,7 +219,7 @@ def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float
 
 @compiled
 def advance_bodies(moved: Floats, n: int, h: float) -> Floats:
-    """Return where n bodies of rows (>= n, 4), position and velocity, come to in h, (n, 2)."""
+    """Return the positions of n bodies of rows (>= n, 4), position and velocity, after h, (n, 2)."""
     found = np.empty((n, 2))
     for i in range(n):
         found[i, 0], found[i, 1] = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h

@@ -1,6 +1,7 @@
 """The body: deviation, drive, transition f, noise g and reward, pure functions of arrays.
 
-Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeling".
+Shapes: n agents, V needs. Equations of Laurencon et al. (2021), section "Modeling". A fatigue is a need with set point
+0: its decay and the control of actions, in `velocity`, are how a body tires and recovers.
 """
 
 from __future__ import annotations
@@ -160,7 +161,8 @@ def _positive_power(x: Floats, power: Floats | float) -> Floats:
 def drive(delta: Floats, epsilon: Floats | float, exponent: Floats | float = 1.0, form: Form | None = None) -> Floats:
     """Return d(delta) = (epsilon + sum_i |c_i delta_i|^n) ^ (exponent / n), (...) for delta (..., V).
 
-    Without a `form` it is the paper's, all c = 1 and n = 2.
+    Without a `form` it is the paper's, all c = 1 and n = 2. Learners compute the drive again, from zeta;
+    CONTRIBUTING.md lists where.
     """
     if form is not None:
         size = np.abs(delta) * np.where(delta > 0, form.above, form.below)
@@ -239,7 +241,7 @@ def advance(
 
 
 def commit(model: Model, state: State, internal: Floats, taken: Floats, died: Bools) -> None:
-    """Give the living the x (N, V) that they have come to, within its bounds, and keep the account of it.
+    """Set x (N, V) of the living, within its bounds, and keep the account of it.
 
     `taken` (N, V) came from outside in the tick; agents that `died` (N,) keep what they had before it.
     """
@@ -257,7 +259,7 @@ def clamp(body: Body, internal: Floats) -> Floats:
 
 
 def fatal(body: Body, internal: Floats) -> Bools:
-    """Return who has a lethal need beyond its bounds, (n,); ask before `clamp`."""
+    """Return which bodies have a lethal need beyond its bounds, (n,); call it before `clamp`."""
     return np.logical_or.reduce(_beyond(body, internal), axis=1)
 
 
@@ -276,7 +278,7 @@ def _beyond(body: Body, internal: Floats) -> Bools:
 def settle(
     alive: Bools, died: Bools, before: Floats, after: Floats, low: Floats, high: Floats, ledger: Ledger
 ) -> tuple[Floats, Bools]:
-    """Return x (N, V) kept within its bounds, the organism's automatic regulation, and who lives on (N,).
+    """Return x (N, V) kept within its bounds, the organism's automatic regulation, and which agents survive (N,).
 
     x went from `before` to `after` by f and g and what was taken from outside. One that dies, or is dead, keeps what it
     was before. The ledger of those that were alive is kept: before + taken - metabolised - lost = x.

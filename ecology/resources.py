@@ -399,7 +399,7 @@ def share_stocks(wanted: Floats, source: Ints, stock: Floats, crumb: float) -> t
 
 @compiled
 def serve(wanted: Floats, source: Ints, part: Floats, control: Floats, ingested: Floats) -> None:
-    """Write `control`, `ingested` (N, V) of those with a `source` (N,), who have their `part` of what is `wanted`."""
+    """Write `control`, `ingested` (N, V) of slots with a `source` (N,), which get their `part` of what is `wanted`."""
     for i in range(len(source)):
         if source[i] >= 0:
             for v in range(wanted.shape[1]):

@@ -14,7 +14,7 @@ from ecology.ground.outline import polygon_of
 from ecology.meetings import Rule
 from ecology.powers import check_memory
 from ecology.resources import consumers, too_far
-from ecology.senses import SENSES, layout
+from ecology.senses import PARAMETRIC, SENSES, layout
 from ecology.spec import (
     Action,
     Arena,
@@ -52,14 +52,18 @@ class Scenario:
     ticks: int = 10_000  # default length of a run
     day: float | None = None  # length of a day for the sense "clock", in units of time
     cues: tuple[Cue, ...] = ()  # lights and tones
-    schedule: tuple[Event, ...] = ()  # what happens at set times, in this order where at the same
+    schedule: tuple[Event, ...] = ()  # events at set times; in this order at the same time
     sessions: tuple[Session, ...] = ()  # trials one after the other, from time 0 on
-    rule: Rule | None = None  # what meetings do beyond bites, gifts and crowding: a pure function of the state
+    rule: Rule | None = None  # interactions beyond bites, gifts and crowding: a pure function of the state
     memory: Mapping[str, object] = field(default_factory=dict)  # the rule's own state at the start: numbers or arrays
-    measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # what is plotted besides, by name
-    props: Callable[[State], Mapping[str, Sequence[Sequence[Sequence[float]]]]] | None = None  # to draw: lines by name
+    measures: Mapping[str, Callable[[State], float]] = field(
+        default_factory=dict
+    )  # further numbers to record and plot, by name
+    props: Callable[[State], Mapping[str, Sequence[Sequence[Sequence[float]]]]] | None = (
+        None  # further lines to draw, by name
+    )
     sample_every: int | None = None  # ticks between two samples of a run that is recorded; the usual number for None
-    until_extinct: bool = False  # whether a run ends when nobody lives any more
+    until_extinct: bool = False  # whether a run ends when no agent is alive
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file
     numbering: tuple[int, int] = (0, 1)  # first serial and step between serials: islands share the numbers
 
@@ -219,6 +223,11 @@ class Scenario:
             require(name in resources, f"{owner}: carries names the resource {name!r}. {nearest(name, resources)}")
         for sense in species.senses:
             if not isinstance(sense, str):
+                require(
+                    type(sense) in PARAMETRIC,
+                    f"{owner}: no sense has the parameters {type(sense).__name__}; add it to "
+                    "ecology.senses.zeta.PARAMETRIC.",
+                )
                 continue
             if sense not in SENSES:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")

@@ -32,7 +32,7 @@ class Eyes(NamedTuple):
     walls: Walls  # that can come between two points of the arena
 
     def sees_others(self, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
-        """Return which pairs (P,) are seen by `who`: in its view field, no wall between; `looks` (N,) are who look."""
+        """Return in which pairs (P,) `who` sees the other; `looks` (N,) marks slots that look."""
         return in_view(self, pairs, position, heading, looks)
 
 
@@ -96,7 +96,7 @@ def _aside(dx: float, dy: float, d: float, heading: float, cos: float, sin: floa
 
 @compiled
 def in_view(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
-    """Return which pairs (P,) are seen by those who look: within angle and range of the view field, no wall between.
+    """Return which pairs (P,) are seen by slots that look: within angle and range of the view field, no wall between.
 
     `position` (N, 2), `heading` and `looks` (N,) are by slot.
     """

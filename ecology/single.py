@@ -15,7 +15,7 @@ from ecology.world import Tick
 
 
 class GymEnv(gymnasium.Env):
-    """A world of one agent: an observation is zeta, float32 (D,), an action an index, the reward the fall of the drive.
+    """A world of one agent: observations are zeta, float32 (D,), actions indices, rewards the decrease of the drive.
 
     `action_masks()` returns which actions are open, as sb3-contrib's MaskablePPO expects it, and
     `info["action_mask"]` holds the same. A closed action becomes rest, and `info["closed"]` says so;
@@ -67,7 +67,7 @@ class GymEnv(gymnasium.Env):
         return self._observation(), float(tick.reward[0]), died, reached, self._info()
 
     def action_masks(self) -> Bools:
-        """Return which actions are open, (A,); a dead agent may only rest."""
+        """Return which actions are open, (A,); a dead agent can only rest."""
         require(self._tick is not None, "the episode has not begun; call reset before action_masks.")
         assert self._tick is not None
         if not self._tick.alive[0]:

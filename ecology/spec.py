@@ -63,7 +63,7 @@ class Season:
 
 @dataclass(frozen=True, kw_only=True)
 class Adaptation:
-    """How the set point of a need moves by itself, within the need's `set_range`.
+    """The set point of a need that moves by itself, within the need's `set_range`.
 
     x* = x*_0 + swing sin(2 pi t / period + phase) + offset. What is eaten, or received from others, moves the offset by
     `gain` per unit; it goes back to 0 by `recovery` per unit of time, and by the share `relaxation`.
@@ -72,7 +72,7 @@ class Adaptation:
     gain: float = 0.0  # change of the set point per unit taken in
     recovery: float = 0.0  # towards x*_0, units per unit of time
     relaxation: float = 0.0  # towards x*_0, share of the offset per unit of time
-    by: str | None = None  # need whose intake counts, such as the blood that feeds this one; this one when None
+    by: str | None = None  # need whose intake counts, such as the blood that feeds this one; itself when None
     swing: float = 0.0  # of the clock, units
     period: float = 1.0  # of the clock, units of time
     phase: float = 0.0  # of the clock, radians
@@ -110,9 +110,9 @@ class Need:
     season: Season | None = None  # (c) time of day or year
     ageing: float = 0.0  # (c) growth of the decay per unit of age
     noise: float = 0.0  # (d) standard deviation per square root of a unit of time
-    bounds: tuple[float, float] = (0.0, math.inf)  # x is kept within, or the agent dies beyond
-    floor: float = -math.inf  # x is raised to it; unlike the bounds it may lie above the set point
-    lethal: bool = False  # leaving the bounds kills instead of being clamped
+    bounds: tuple[float, float] = (0.0, math.inf)  # x is clamped to them, or the agent dies beyond them if lethal
+    floor: float = -math.inf  # x is kept above it; unlike the bounds it may lie above the set point
+    lethal: bool = False  # whether the agent dies when x leaves the bounds
     regulated: bool = True  # whether the deviation counts in the drive
     set_range: tuple[float, float] | None = None  # within which the set point may move; None: it stays
     adaptation: Adaptation | None = None  # how the set point moves by itself; it needs a set_range
@@ -232,11 +232,11 @@ class Action:
     resource: str | None = None  # of consume, go_to, take and drop
     into: str | None = None  # of drop: resource whose patch holds it then
     amount: float = 0.0  # of take and drop: units per unit of time
-    species: str | None = None  # of bite and give: whom
+    species: str | None = None  # of bite and give: species of the partner
     reach: float = 0.0  # of bite and give: farthest distance between the centres, length
-    chance: float = 1.0  # of bite and consume: probability of success per unit of time; a meal that fails takes nothing
-    gain: Mapping[str, float] = field(default_factory=dict)  # of bite: units that a success adds to one's needs
-    damage: Mapping[str, float] | None = None  # of bite: units that it takes from the bitten; None: it kills
+    chance: float = 1.0  # of bite and consume: probability of success per unit of time; a failed meal takes nothing
+    gain: Mapping[str, float] = field(default_factory=dict)  # of bite: units that a success adds to its own needs
+    damage: Mapping[str, float] | None = None  # of bite: units that the victim loses; None: it dies
     gives: Mapping[str, float] = field(default_factory=dict)  # of give: units per unit of time, from need to same need
     efficiency: float = 1.0  # of give: share of what is given that arrives
     drain: Mapping[str, float] = field(default_factory=dict)  # need -> share of x that it loses per unit of time
@@ -244,8 +244,8 @@ class Action:
     duration: float = 0.0  # minimal duration, during which no other action is open; of bite: handling time
     cue: str | None = None  # open only while this cue of the scenario is shown
     emits: Mapping[str, float] = field(default_factory=dict)  # channel -> content of the signal that it sends
-    opens_from: Mapping[str, float] = field(default_factory=dict)  # open only while every need named is at least this
-    closes_at: Mapping[str, float] = field(default_factory=dict)  # closed while any need named is at least this
+    opens_from: Mapping[str, float] = field(default_factory=dict)  # need -> lowest level at which the action is open
+    closes_at: Mapping[str, float] = field(default_factory=dict)  # need -> level from which the action is closed
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -327,8 +327,8 @@ def sleep(name: str = "sleep", *, duration: float, **rest_of: object) -> Action:
 def consume(resource: str, intake: Mapping[str, float], *, name: str | None = None, **rest_of: object) -> Action:
     """Return the consumption of `resource`, open within its circle while there is some; `intake` is u per need.
 
-    What it adds to needs is taken out of the stock; a need that cannot lie below its set point (a
-    fatigue) is not fed but tired, and takes nothing. Where a stock is short, all of u is scaled down.
+    What it adds to needs is taken out of the stock, except for a need that cannot lie below its set point: a fatigue is
+    raised at no cost. Where a stock is short, all of u is scaled down.
     """
     return Action(
         name=f"consume_{resource}" if name is None else name,
@@ -340,7 +340,7 @@ def consume(resource: str, intake: Mapping[str, float], *, name: str | None = No
 
 
 def go_to(resource: str, speed: float, *, name: str | None = None, **rest_of: object) -> Action:
-    """Return the walk to `resource`, open while it is seen and there is some, until one stands in a patch of it."""
+    """Return the walk to `resource`, open while a patch with stock is seen, until the body stands in one."""
     return Action(
         name=f"go_to_{resource}" if name is None else name,
         kind="go_to",
@@ -384,7 +384,7 @@ def give(
 
 
 def take(resource: str, amount: float, *, name: str | None = None, **rest_of: object) -> Action:
-    """Return the taking of `amount` per unit of time out of a patch of `resource`, into one's load.
+    """Return the action that takes `amount` per unit of time from a patch of `resource` into its load.
 
     It is open within the patch's circle while there is some and `Species.carries` leaves room. Where a stock is short,
     those that take share it; those that eat come first.
@@ -401,11 +401,11 @@ def take(resource: str, amount: float, *, name: str | None = None, **rest_of: ob
 def drop(
     resource: str, amount: float, *, into: str | None = None, name: str | None = None, **rest_of: object
 ) -> Action:
-    """Return the putting down of `amount` per unit of time out of one's load of `resource`, as stock of `into`.
+    """Return the action that puts down `amount` per unit of time of its load of `resource`, as stock of `into`.
 
-    `into` is the same resource unless another is named, a store. It goes into the patch in whose circle one stands, as
-    far as it has room; without one, into a new patch there, if the patches of `into` come and go. It is open while
-    something is carried and there is a place for it.
+    `into` is the same resource unless another is named, a store. It goes into the patch in whose circle the body
+    stands, as far as there is room; without a patch, into a new one there, if the patches of `into` come and go. It is
+    open while something is carried and there is a place for it.
     """
     return Action(
         name=f"drop_{resource}" if name is None else name,
@@ -430,9 +430,9 @@ class Growth:
     An empty stock stays empty, but in the linear kind.
     """
 
-    kind: Literal["linear", "logistic", "exponential"] = "linear"
+    kind: Literal["linear", "logistic", "exponential"] = "linear"  # law of growth
     rate: float  # linear: units of the stock per unit of time; otherwise per unit of time
-    season: Season | None = None
+    season: Season | None = None  # factor of the rate over time
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -448,7 +448,7 @@ class Growth:
 class Oscillation:
     """A triangle wave of time: from the resource's position straight to `to` and back in one period."""
 
-    to: tuple[float, float]
+    to: tuple[float, float]  # the other end
     period: float  # time
     phase: float = 0.0  # radians of the wave at time 0: 0 at the position, pi at `to`
 
@@ -506,7 +506,7 @@ class Seeding:
 class Resource:
     """A stock at a place: a circle in the plane within which it can be consumed; or `count` of them.
 
-    Without further words it is unlimited, fixed and always available. A stock is counted in units
+    By default it is unlimited, fixed and always available. A stock is counted in units
     of intake: what consuming adds to needs is what leaves the stock. Of several patches, each has its
     own stock; one consumes the nearest whose circle one is in, and goes to the nearest that is seen
     from where there is none.
@@ -517,17 +517,17 @@ class Resource:
     """
 
     name: str
-    count: int = 1  # patches; with gone_below the most that are there at once
-    position: tuple[float, float] | None = None  # at the start; anywhere in the arena when None
-    radius: float = 0.3
+    count: int = 1  # patches; with gone_below the most that can exist at once
+    position: tuple[float, float] | None = None  # at the start; random in the arena when None
+    radius: float = 0.3  # of the circle, length
     stock: float = math.inf  # at the start, units of intake
-    capacity: float | None = None  # most that the stock can be, units of intake; as at the start when None
-    growth: Growth | None = None  # none: what is eaten does not come back
-    availability: float = 1.0  # probability of being there, drawn anew at every whole unit of time
-    motion: Motion | None = None  # none: it stays where it is
+    capacity: float | None = None  # largest stock, units of intake; the stock at the start when None
+    growth: Growth | None = None  # None: the stock does not regrow
+    availability: float = 1.0  # probability of being there, drawn at every whole unit of time
+    motion: Motion | None = None  # None: it does not move
     decay: float = 0.0  # share of the stock that spoils per unit of time
     gone_below: float | None = None  # stock at which a patch is gone; None: an empty patch stays where it is
-    present: int | None = None  # patches that are there at the start; all when None
+    present: int | None = None  # patches that exist at the start; all when None
     seeding: Seeding | None = None  # patches that appear by chance
 
     def __post_init__(self) -> None:
@@ -674,9 +674,9 @@ class Field:
     """
 
     name: str
-    values: Callable[..., object] | tuple[tuple[float, ...], ...] | float = 0.0
-    low: float = -math.inf
-    high: float = math.inf
+    values: Callable[..., object] | tuple[tuple[float, ...], ...] | float = 0.0  # function, grid or number
+    low: float = -math.inf  # lowest value that is sensed and acts
+    high: float = math.inf  # highest value that is sensed and acts
     scale: float = 1.0  # size of an ordinary value, for learners
     diffusion: float = 0.0  # area per unit of time
     decay: float = 0.0  # share per unit of time
@@ -741,10 +741,10 @@ def _unpickled_field(pickled: bytes) -> Field:
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """What a field does to bodies of a species where they are, by how far its value is from a reference."""
+    """The effect of a field on bodies of a species, in proportion to its value at their place minus a reference."""
 
-    field: str
-    reference: float = 0.0  # value at which it does nothing
+    field: str  # name of the field
+    reference: float = 0.0  # value without effect
     control: Mapping[str, float] = _field(default_factory=dict)  # need -> change per unit of the field and of time
     slowing: float = 0.0  # share of its speed that a body loses per unit of the field
     dimming: float = 0.0  # share of its view range that a body loses per unit of the field
@@ -759,13 +759,17 @@ class Exposure:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gauge:
-    """The sense of a field where one is: its value, and its gradient along one's heading and to the left of it."""
+class SenseSpec:
+    """Base class of the parameters of a sense; `ecology.senses.zeta.PARAMETRIC` has the sense of each."""
 
-    field: str
-    value: bool = True
-    gradient: bool = False
+
+@dataclass(frozen=True, kw_only=True)
+class Gauge(SenseSpec):
+    """The sense of a field at the body's place: its value, and its gradient along the heading and to the left of it."""
+
+    field: str  # name of the field
+    value: bool = True  # whether the value is sensed
+    gradient: bool = False  # whether the gradient is sensed
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -776,14 +780,14 @@ class Gauge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rays:
+class Rays(SenseSpec):
     """The sense of walls: distances to the nearest one along `count` rays, evenly over `spread` around the heading.
 
     The first ray is the one farthest to the right. Closed doors are walls; on a torus there are none.
     """
 
     range: float  # the farthest that is sensed, length
-    count: int = 8
+    count: int = 8  # number of rays
     spread: float = 2 * math.pi  # radians between the outermost rays; all around by default
 
     def __post_init__(self) -> None:
@@ -795,13 +799,13 @@ class Rays:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hearing:
+class Hearing(SenseSpec):
     """The sense of signals on a channel: content, distance and bearing of the nearest other that sends.
 
     An action sends by `emits`, in the tick in which it is executed. Walls do not stop a signal.
     """
 
-    channel: str
+    channel: str  # channel of `Action.emits`
     range: float  # the farthest that is heard, length
 
     def __post_init__(self) -> None:
@@ -812,7 +816,7 @@ class Hearing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trace:
+class Trace(SenseSpec):
     """The sense of a fading memory: the last large value of a component of zeta, times exp(-rate t) since.
 
     It is replaced by a value that is at least as far from 0 as what is left of it. A newborn remembers nothing.
@@ -893,15 +897,16 @@ class Arena:
 class Birth:
     """Offspring of a parent that is fit: alive, mature, and every need in `threshold` at least there.
 
-    A fit parent bears at `rate`, into a free slot of its species, beside itself; without a free slot
-    it waits. The newborn's needs are at their start. With the rate 0 only the scenario's own rule brings newborns.
+    A fit parent reproduces at `rate`. The newborn takes a free slot of its species and starts beside its parent, with
+    its needs at their start; without a free slot the parent waits. With the rate 0, only the scenario's rule brings
+    newborns.
     """
 
     rate: float  # per unit of time and fit parent
     threshold: Mapping[str, float] = field(default_factory=dict)  # need -> least x
     cost: Mapping[str, float] = field(default_factory=dict)  # need -> units that the parent gives
-    maturity: float = 0.0  # age from which one is fit, time
-    parents: int = 1  # with 2, it takes a mate that is fit too: the nearest one; only the one that bears pays
+    maturity: float = 0.0  # age from which a body is fit, time
+    parents: int = 1  # with 2, the nearest other fit body is the mate; only the first parent pays the cost
     mates_within: float = math.inf  # farthest distance of a mate, length
     limit: float = math.inf  # K: with n of the species alive the rate is multiplied by 1 - n / K, 0 from K on
 
@@ -935,16 +940,16 @@ class Hazard:
 
 @dataclass(frozen=True, kw_only=True)
 class Remains:
-    """What a body leaves where it dies: a patch of a resource whose patches come and go.
+    """Remains of a body: a patch that appears where it dies, of a resource whose patches come and go.
 
     Its stock is `body` units, and of each need named the share that the body still stored of it, above the need's lower
     bound. Where no patch is free, or beyond the capacity, what is left is lost with the body.
     """
 
-    resource: str
+    resource: str  # name of the resource
     needs: Mapping[str, float] = field(default_factory=dict)  # need -> share of what is stored, from 0 to 1
-    body: float = 0.0  # units that any body leaves, however starved
-    causes: tuple[Cause, ...] = ("need", "hazard", "rule", "bitten", "eaten")  # of the deaths that leave something
+    body: float = 0.0  # units that every body leaves, however starved
+    causes: tuple[Cause, ...] = ("need", "hazard", "rule", "bitten", "eaten")  # causes of death that leave remains
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -961,11 +966,11 @@ class Remains:
 
 @dataclass(frozen=True, kw_only=True)
 class Crowding:
-    """What others within a distance do to a body: u per other and unit of time."""
+    """Effect of others within a distance on a body: u per other and unit of time."""
 
     within: float  # length, between the centres
     control: Mapping[str, float]  # need -> change per other and unit of time
-    species: tuple[str, ...] = ()  # who counts as others; all when empty
+    species: tuple[str, ...] = ()  # species that count as others; all when empty
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -976,19 +981,19 @@ class Crowding:
 
 @dataclass(frozen=True, kw_only=True)
 class Neighbours:
-    """What is sensed of others: the `count` nearest in the view field, not hidden by a wall, nearest first.
+    """The sense of others: the `count` nearest in the view field, not hidden by a wall, nearest first.
 
     Per neighbour: distance, bearing from one's own heading, its heading from one's own, which
     species it is (where several are sensed), the deviations that its species opens, and where asked for, what it does,
-    whether it is kin, and who it is. Where nobody is, the distance is the farthest and the rest is 0.
+    whether it is kin, and its identity. Without a neighbour the distance is the farthest and the rest is 0.
     """
 
-    count: int = 1
+    count: int = 1  # how many are sensed
     species: tuple[str, ...] = ()  # all when empty
     heading: bool = False  # whether its heading is sensed
-    action: bool = False  # whether it is sensed what it did in the last tick
-    kin: bool = False  # whether it is sensed that it is a parent, a child or a sibling
-    identity: int = 0  # binary digits of its serial that are sensed, the last ones, as -1 or 1: who it is
+    action: bool = False  # whether its last action is sensed
+    kin: bool = False  # whether kinship is sensed: parent, child or sibling
+    identity: int = 0  # last binary digits of its serial that are sensed, as -1 or 1
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -1004,27 +1009,27 @@ class Neighbours:
 
 @dataclass(frozen=True, kw_only=True)
 class Empathy:
-    """Affective empathy: the state of others enters one's own drive. The coupling matrix w, row by row.
+    """Affective empathy: the state of others enters an agent's own drive, by a coupling matrix w.
 
     sum: drive_i = d(delta_i) + sum_j w_ij d(delta_j) (Man and Yoshida 2024).
     average: drive_i = d(sum_j w_ij delta_j), where `weight` is what the others have together and
-    w_ii = 1 - weight (Laurencon et al. 2021, Discussion); who feels nobody has w_ii = 1.
+    w_ii = 1 - weight (Laurencon et al. 2021, Discussion); an agent that feels nobody has w_ii = 1.
 
-    j are the living of `species`, but oneself, that fulfil every condition given (kin: parent,
-    child or sibling). Cognitive empathy is another matter: `Neighbours` and `Species.opens`.
+    j are the other living agents of `species` that meet every condition given (kin: parent, child or sibling). For
+    cognitive empathy see `Neighbours` and `Species.opens`.
     """
 
-    weight: float
-    form: Literal["sum", "average"] = "sum"
-    species: tuple[str, ...] = ()  # whom one feels; one's own species when empty
-    matrix: tuple[tuple[float, ...], ...] | None = None  # factor of the weight, slots of one's own species squared
+    weight: float  # w of each other (sum), or of all others together (average)
+    form: Literal["sum", "average"] = "sum"  # see above
+    species: tuple[str, ...] = ()  # species that are felt; its own when empty
+    matrix: tuple[tuple[float, ...], ...] | None = None  # factor of the weight, by slots of its own species, square
     needs: Mapping[str, float] = field(default_factory=dict)  # how much a need of others counts; 1 where not named
-    kin: bool = False
+    kin: bool = False  # whether only kin is felt
     within: float = math.inf  # length
-    sight: bool = False  # only whom one sees
-    perceived: bool = True  # whether what is felt is a part of zeta; without it a drive is felt that zeta hides
-    lesion: Literal["none", "off", "sham", "shuffled"] = "none"
-    lesion_at: float = 0.0  # time from which the lesion is there
+    sight: bool = False  # only others that it sees
+    perceived: bool = True  # whether what is felt is a part of zeta; if not, zeta hides a part of the drive
+    lesion: Literal["none", "off", "sham", "shuffled"] = "none"  # off: no empathy; sham: no change; shuffled: of others
+    lesion_at: float = 0.0  # time at which the lesion begins
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -1041,7 +1046,7 @@ class Empathy:
 
 @dataclass(frozen=True, kw_only=True)
 class Trait:
-    """A number of a species that every body has of its own, from its parents.
+    """A number of a species that differs from body to body and is inherited.
 
     `of` says which: "NEED.set_point", "NEED.decay", "NEED.leak", "NEED.ageing", "NEED.noise", "speed" (a factor of the
     speed of all actions), "empathy.weight" (of the sum form), or "none" for a marker without any effect. A child has it
@@ -1049,8 +1054,8 @@ class Trait:
     """
 
     name: str
-    of: str
-    bounds: tuple[float, float]
+    of: str  # number that it replaces, see above
+    bounds: tuple[float, float]  # of its value
     mutation: float = 0.0  # standard deviation of the change at a birth
     start: float | None = None  # mean of founders and newcomers; the scenario's number when None
     spread: float = 0.0  # standard deviation among founders and newcomers
@@ -1075,7 +1080,7 @@ class Stage:
     speed: float = 1.0  # factor of the speed of every action
     size: float = 1.0  # factor of the radius
     metabolism: float = 1.0  # factor of the decay of every need
-    cannot: tuple[str, ...] = ()  # actions that are closed: other food, no hunting yet
+    cannot: tuple[str, ...] = ()  # actions that are closed in this stage
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -1093,7 +1098,7 @@ class Stage:
 
 @dataclass(frozen=True, kw_only=True)
 class Cue:
-    """A light, a tone: a number that everybody of a species with it among its `cues` senses, wherever it is.
+    """A light or a tone: a number that agents sense everywhere, if their species has it among its `cues`.
 
     Only interventions change it: `show NAME VALUE`, mostly in the schedule.
     """
@@ -1109,17 +1114,17 @@ class Cue:
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """An intervention that the scenario itself makes, `at` a time, and `every` so often from then on.
+    """An intervention that the scenario itself makes, once or at intervals.
 
     `do` is one line, such as "empty food", "move food 1 2", "set prey energy 1" or "show light on": see the guide on
     interventions. It is done between two ticks, after the tick that ends nearest to its time.
     """
 
-    do: str
+    do: str  # the intervention
     at: float = 0.0  # time; in a session, since its trial began
     every: float | None = None  # time between two of them; None: it happens once
     until: float = math.inf  # time of the last one; in a session, since its trial began
-    felt: bool = True  # whether agents experience what it does, in reward and learning, as any other change
+    felt: bool = True  # whether agents experience its effect in reward and learning, as any other change
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -1146,8 +1151,8 @@ class Session:
 
     name: str
     length: float  # of a trial, time
-    trials: int = 1
-    events: tuple[Event, ...] = ()
+    trials: int = 1  # number of trials
+    events: tuple[Event, ...] = ()  # in every trial
     gap: float = 0.0  # after every trial, time; its mean where it is random
     random: bool = False  # whether the gap is drawn: exponentially distributed
 
@@ -1169,13 +1174,13 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Species:
-    """A kind of agent: its needs, its actions, its body, its senses and who learns in it."""
+    """A kind of agent: its needs, its actions, its body, its senses and its learner."""
 
     name: str
     needs: tuple[Need, ...]
     actions: tuple[Action, ...]
     count: int = 1  # alive at the start
-    capacity: int | None = None  # slots: the most that live at once; as many as at the start when None
+    capacity: int | None = None  # slots, the most that can live at once; the count when None
     birth: Birth | None = None  # offspring
     arrival: float = 0.0  # newcomers from outside, per unit of time
     hazard: Hazard | None = None  # death by chance
@@ -1185,26 +1190,28 @@ class Species:
     solid: bool = True  # whether the bodies of others are in its way
     view_angle: float = 2 * math.pi  # of the view field, radians
     view_range: float = math.inf  # of the view field, length
-    senses: tuple[str | Gauge | Rays | Hearing | Trace, ...] = ("position", "heading")  # e, in zeta after deviations
+    senses: tuple[str | SenseSpec, ...] = ("position", "heading")  # e: names, or Gauge, Rays, Hearing, Trace
     sees: tuple[str, ...] = ()  # resources: distance, bearing and fullness of the nearest patch that is seen
     cues: tuple[str, ...] = ()  # cues of the scenario that it senses
     neighbours: tuple[Neighbours, ...] = ()  # what is sensed of others
     faults: tuple[Fault, ...] = ()  # of the senses
     opens: tuple[str, ...] = ()  # needs whose deviations others can sense
-    empathy: Empathy | None = None
-    crowding: Crowding | None = None
+    empathy: Empathy | None = None  # what it feels of others
+    crowding: Crowding | None = None  # what others nearby do to it
     exposures: tuple[Exposure, ...] = ()  # what fields do to it
-    position: tuple[float, float] | None = None  # at birth; anywhere in the arena when None
-    heading: float | None = None  # at birth, radians; any when None
-    collapse: Mapping[str, float] = field(default_factory=dict)  # at these thresholds sleep is the only action left
-    commitment: Commitment = "free"  # whether a go_to may be left before it arrives
-    traits: tuple[Trait, ...] = ()  # numbers that children have from their parents
-    stages: tuple[Stage, ...] = ()  # of life, the first from the age 0 on; none: all ages are alike
+    position: tuple[float, float] | None = None  # at birth; random in the arena when None
+    heading: float | None = None  # at birth, radians; random when None
+    collapse: Mapping[str, float] = field(
+        default_factory=dict
+    )  # need -> level from which sleep is the only open action
+    commitment: Commitment = "free"  # whether a go_to may be abandoned before it arrives
+    traits: tuple[Trait, ...] = ()  # numbers that children inherit from their parents
+    stages: tuple[Stage, ...] = ()  # of life, the first from age 0 on; none: all ages are alike
     drive_epsilon: float = 0.001  # of the drive (epsilon + sum_i w_i |delta_i|^n) ^ (exponent / n)
     drive_exponent: float = 1.0  # 1: the paper's; 2: quadratic; n / m of Keramati and Gutkin's root m
     drive_power: float = 2.0  # n; 2: the paper's
-    learner: str = "hjb"
-    learner_settings: Mapping[str, object] = field(default_factory=dict)
+    learner: str = "hjb"  # name of `ecology list`, or path of a .py file
+    learner_settings: Mapping[str, object] = field(default_factory=dict)  # setting -> value
 
     def __post_init__(self) -> None:
         typed.check(self)

@@ -42,28 +42,28 @@ class State:
     time: float
     next_serial: int
     alive: Bools  # (N,)
-    serial: Ints  # (N,) name of the agent in the slot, -1 before the first; never returns
-    parent: Ints  # (N,) serial of the parent, -1 without
+    serial: Ints  # (N,) number of the agent in the slot, never used again; -1 before the first
+    parent: Ints  # (N,) serial of the parent; -1: none
     cause: Ints  # (N,) what it died of, an index into CAUSES; 0 while it lives
-    fatal_need: Ints  # (N,) column of the lethal need it died of, the first in its species' order; -1 without
-    killer: Ints  # (N,) serial of the agent that bit it to death, -1 without
+    fatal_need: Ints  # (N,) column of the lethal need it died of, the first in its species' order; -1: none
+    killer: Ints  # (N,) serial of the agent that bit it to death; -1: none
     age: Floats  # (N,) time since birth
     position: Floats  # (N, 2)
     heading: Floats  # (N,) radians in [-pi, pi)
     internal: Floats  # (N, V) x
-    drive: Floats  # (N,) d, what is felt of others included
-    own_drive: Floats  # (N,) d(delta), nothing of others
+    drive: Floats  # (N,) d, including what is felt of others
+    own_drive: Floats  # (N,) d(delta), without what is felt of others
     felt: Floats  # (N, V) of others: average form, sum of w_ij delta_j per need; sum form, in column 0, of w_ij d_j
     action: Ints  # (N,) executed in the last tick, an index into the species' own actions
-    hold: Floats  # (N,) time for which the present action still immobilises
-    bound_for: Ints  # (N,) patch that a go_to under way leads to, -1 without
-    bit: Ints  # (N,) slot that was bitten with success in the last tick, -1 without
-    gave: Ints  # (N,) slot that was given to in the last tick, -1 without
+    hold: Floats  # (N,) time for which the present action still immobilises the body
+    bound_for: Ints  # (N,) patch that a go_to under way leads to; -1: none
+    bit: Ints  # (N,) slot that was bitten with success in the last tick; -1: none
+    gave: Ints  # (N,) slot that was given to in the last tick; -1: none
     inside: Bools  # (N, R) within the patch's circle
     seen: Bools  # (N, R) within the view field, with no wall between
     resource_position: Floats  # (R, 2)
     stock: Floats  # (R,) what is left, units of intake
-    available: Bools  # (R,) there in this unit of time
+    available: Bools  # (R,) whether it is available in this unit of time
     # the account, summed up since the start: what is stored is what came in less what went out
     grown: Floats  # (R,) into the stock, by all but what spoiled: growth, relocation, seeds, remains; unlimited: eaten
     eaten: Floats  # (R,) out of the stock
@@ -72,10 +72,10 @@ class State:
     given: Floats  # (N, V) to others: bitten off, gifts, the cost of a birth, remains, by the scenario's own rule
     metabolised: Floats  # (N, V) taken by the rest of f and g: its own dynamics, other controls, noise
     lost: Floats  # (N, V) beyond the bounds, in the tick of death, or a body's rest; negative: held up by a bound
-    returned: int  # times that the arena's guarantee put a body back inside
-    closed: Ints  # (N,) closed actions asked for so far, each replaced
+    returned: int  # times that a body outside the arena was put back inside
+    closed: Ints  # (N,) closed actions chosen so far, each replaced
     # there only in worlds that use them, else None
-    memory: Floats | None = None  # (M,) the own state of the scenario's rule, one name after the other
+    memory: Floats | None = None  # (M,) what the scenario's rule remembers, one name after the other
     pace: Floats | None = None  # (N,) share of its speed at which the rule lets a body move in the next tick
     traces: Floats | None = None  # (N, T) fading memories, by the columns that each species gives them
     misread: Floats | None = None  # (N, F) noise of faulty senses in this tick, in standard deviations
@@ -85,10 +85,10 @@ class State:
     doors: Bools | None = None  # (D,) open
     sight: Floats | None = None  # (N,) share of its view range that the rule lets it see
     set_point: Floats | None = None  # (N, V) x*, where it moves
-    trait: Floats | None = None  # (N, T) what is inherited, by the columns of the slot's own species
-    partner: Ints | None = None  # (N,) slot of the mate of an agent that bore in this tick, -1 without
-    second: Ints | None = None  # (N,) serial of the second parent, -1 without
-    cue: Floats | None = None  # (C,) what is shown of every cue, from 0 to 1
+    trait: Floats | None = None  # (N, T) inherited traits, by the columns of the slot's own species
+    partner: Ints | None = None  # (N,) slot of the mate of an agent that reproduced in this tick; -1: none
+    second: Ints | None = None  # (N,) serial of the second parent; -1: none
+    cue: Floats | None = None  # (C,) value shown of every cue, from 0 to 1
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the array fields by name; those that this world does not use are left out."""
@@ -96,9 +96,9 @@ class State:
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def next(self) -> State:
-        """Return a state that begins as this one and shares its arrays: stages replace arrays, never write into them.
+        """Return a state that begins as this one and shares its arrays: steps of the tick replace arrays.
 
-        A stage that has to write calls `own` first.
+        A step that writes into an array calls `own` first, which copies it.
         """
         after = object.__new__(State)
         after.__dict__ = self.__dict__.copy()

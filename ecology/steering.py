@@ -106,7 +106,7 @@ class Steered(ParallelEnv):
         return tuple(group.actions[i] for i in self._reach[species].others)
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start anew."""
+        """Start a new episode."""
         return self._bare(*self.env.reset(seed, options))
 
     def step(self, actions: dict[str, Any]) -> Any:

@@ -6,7 +6,7 @@ import functools
 import operator
 import typing
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from numbers import Real
 from types import NoneType, UnionType
 from typing import Any, Literal, Union
@@ -118,6 +118,8 @@ def _said(kind: Any) -> str:
         return " or ".join(map(repr, parts))
     if origin is Callable:
         return "a function"
+    if kind not in PLAIN and not is_dataclass(kind) and (kinds := kind.__subclasses__()):
+        return " or ".join(map(_said, kinds))  # a base class, such as `SenseSpec`
     return PLAIN.get(kind) or f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}"
 
 

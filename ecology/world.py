@@ -20,6 +20,7 @@ from ecology import (
     hauling,
     heredity,
     life,
+    life_stages,
     meetings,
     migration,
     neighbours,
@@ -29,7 +30,6 @@ from ecology import (
     senses,
     setpoints,
     sight,
-    stages,
 )
 from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
@@ -113,7 +113,7 @@ class ArrayWorld:
         return self._observe(np.zeros(model.size))
 
     def step(self, chosen: Ints, steering: Floats | None = None) -> Tick:
-        """Advance one tick: this is the order of things, top to bottom.
+        """Advance one tick: this is the order of its steps, top to bottom.
 
         `chosen` (N,) holds an index into each slot's own species' actions; entries of dead slots are ignored.
         `steering` (N, 2) is the speed and the turn rate of those that move, NaN: as their action has them.
@@ -161,7 +161,7 @@ class ArrayWorld:
         if model.moving is not None:
             setpoints.move(model, state, heredity.base(model, state), ingested + met.received, before.time)
         if model.stages is not None and model.stages.grow:
-            self._physics.resize(stages.radii(model, state), state.position, state.alive)
+            self._physics.resize(life_stages.radii(model, state), state.position, state.alive)
         if doors.turn(model, state, met.outcome):
             self._fit(state)
         # senses and observation
@@ -237,7 +237,7 @@ class ArrayWorld:
     def _touch(self, state: State) -> None:
         """Build the solver for the bodies where they are."""
         model = self.model
-        radius, least = stages.radii(model, state), None
+        radius, least = life_stages.radii(model, state), None
         if radius is not model.radius:
             assert model.stages is not None
             least = float((model.radius[:, None] * model.stages.size).min())
@@ -292,7 +292,7 @@ class ArrayWorld:
         return self._resume(state)
 
     def settle(self, species: str, place: tuple[float, float], heading: float) -> tuple[Tick, int]:
-        """Let one more agent live between ticks, see `Ecology.settle`."""
+        """Add an agent between ticks, see `Ecology.settle`."""
         model, state = self.model, self.state.next()
         rows = model.group(species).slots
         empty = ~state.alive[rows] if self.resting is None else ~(state.alive | self.resting)[rows]
@@ -375,7 +375,7 @@ class ArrayWorld:
         return found
 
     def snapshot(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return all that the world has become, see `Ecology.snapshot`."""
+        """Return the complete state of the world, see `Ecology.snapshot`."""
         state = self.state
         arrays = {name: array.copy() for name, array in state.arrays().items()}
         plain = _plain(state)

@@ -1,6 +1,6 @@
 """Tolerance to ethanol, which cools the body: shivering an hour before it, when a light announces it.
 
-There is one trial a day. While the light is on, the rat may shiver; sixty minutes later it is given ethanol, or
+There is one trial a day. While the light is on, the rat can shiver; sixty minutes later it is given ethanol, or
 nothing. Time is in minutes, temperature h is a change from normal, in degrees, and the drive is |h|. Both responses
 are sums of two exponentials, each two compartments that leak:
 

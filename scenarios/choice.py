@@ -1,7 +1,7 @@
 """Choices that the drive itself decides: food or water, how much, and the sure meal or the risky one of the same mean.
 
-A body reaches three things from its place: a `sure` meal of food, a `risky` one that fails with probability 1 - chance
-and is larger by the same factor, and water. The paper's drive d = |delta| predicts in closed form:
+A body can reach three things from its place: a `sure` meal of food, a `risky` one that fails with probability
+1 - chance and is larger by the same factor, and water. The paper's drive d = |delta| predicts in closed form:
 
     deprivation  food is preferred where m_1 |delta_1| > m_2 |delta_2|, to first order in the meals
     dose         a meal is best stopped where t m = |delta_1|

@@ -1,13 +1,13 @@
 """A colony in which some feed others: nurses at the food, brood that cannot reach it, and what nurses feel of them.
 
 The paper's outlook: "a colony in which each member implements empathy for its cohorts". Nurses eat, or give what
-they have to the nearest of the brood, which walks about the nest and dies without. A nurse's drive holds the state
+they have to the nearest of the brood, which walks about the nest and dies without food. A nurse's drive holds the state
 of the brood, with the weight `weight`: drive_i = d(own) + sum_j w d(j), or in the `average` form d of the
 weighted mean deviation. Without it (weight 0) giving only costs, and the brood starves once nurses know that.
 
-One tick ahead, a nurse that has the lesser drive in mind gives exactly when the weight exceeds what it loses over
-what the other gains: in the sum form, with both below their set points, when weight * efficiency > 1.
-`cognitive` nurses also perceive how hungry the nearest of the brood is; `lesion` cuts the feeling at `lesion_at`.
+A nurse that minimises its drive one tick ahead gives exactly when the weight exceeds its own loss over the other's
+gain: in the sum form, with both below their set points, when weight * efficiency > 1.
+`cognitive` nurses also perceive how hungry the nearest of the brood is; `lesion` removes the empathy at `lesion_at`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def build(
 ) -> Scenario:
     """Return the nest.
 
-    `weight` is w_ij of every pair in the sum form, and what all others have together in the average form;
+    `weight` is w_ij of every pair in the sum form, and the weight that all others have together in the average form;
     `efficiency` is the share of a gift that arrives; `lesion` is "none", "off", "sham" or "shuffled".
     """
     food = Resource(name="food", position=(NEST / 2, NEST / 2), radius=NEST)  # wherever one is in the nest

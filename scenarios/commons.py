@@ -3,10 +3,10 @@
 The pool E grows by a share `growth` per unit of time, up to its capacity E0. Eaters with a fixed appetite q take
 n q: E' = min(E0, (1 + growth) E - n q) per unit of time, which a full pool sustains exactly when n q <= growth E0, and
 which otherwise empties it for good after ln(n q / (n q - growth E0)) / ln(1 + growth). Agents that learn eat to
-hold a need at its set point, which takes `decay` each: n decay in all, as long as nobody takes more than it needs.
+hold a need at its set point, which takes `decay` each: n decay in all, as long as no agent takes more than it needs.
 A pool that has once fallen below n decay / growth is lost, whoever is to blame.
 
-Agents sense how full the pool is, and nobody is asked to care. The world is also the one for measuring speed:
+Agents sense how full the pool is, but nothing rewards restraint. The scenario also serves to measure speed:
 its area grows with n (one agent per unit of area), with inner `walls` and the nearest `neighbours` as settings.
 """
 

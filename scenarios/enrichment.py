@@ -5,7 +5,7 @@ prey taken yields e newborn predators; predators die at m:
 
     dN/dt = r N (1 - N / K) - a N P / (1 + a h N),    dP/dt = e a N P / (1 + a h N) - m P
 
-N is at rest at m / (a (e - m h)), which is stable up to K_c = (e + m h) / (a h (e - m h)) and a limit cycle above it.
+The equilibrium N = m / (a (e - m h)) is stable up to K_c = (e + m h) / (a h (e - m h)), with a limit cycle above it.
 All agents are placed at random in every tick, as the equations assume. Numbers are `scale` times those of the equations
 with a = .001, h = 10, e = .5, m = .015: the larger `scale`, the smaller the role of chance.
 """

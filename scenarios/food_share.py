@@ -1,8 +1,8 @@
 """Food shared or eaten: one holds all the food, its partner starves unless its hunger is felt.
 
-FoodShare of Man and Yoshida (2024), exact. Energy is high or low, with the drives d(high) = -ln 0.95 and
-d(low) = -ln 0.05. In every tick the possessor eats (its energy is high) or passes (its partner's is); whoever
-is not fed falls from high to low with probability 0.1. Both die when either was low for ten ticks in a row.
+An exact copy of FoodShare (Man and Yoshida 2024). Energy is high or low, with the drives d(high) = -ln 0.95 and
+d(low) = -ln 0.05. In every tick the possessor eats (its energy is high) or passes (its partner's is); an agent
+that is not fed falls from high to low with probability 0.1. Both die when either has been low for ten ticks.
 The first tick of a life draws whether each is high or low; a life is counted from the second.
 """
 
@@ -65,7 +65,7 @@ def build(
 ) -> Scenario:
     """Return the set-up under one condition of empathy: "none", "cognitive", "affective" or "full".
 
-    Cognitive: the partner's energy is perceived. Affective: `weight` times its drive is added to one's own.
+    Cognitive: the partner's energy is perceived. Affective: `weight` times its drive is added to the agent's own.
     `perceived` False leaves what is felt out of zeta, as in the original, where the reward alone tells; f/J
     know their drive from zeta and cannot learn what it hides.
     """

@@ -2,7 +2,7 @@
 
 GridRooms of Man and Yoshida (2024): five cells in a line, food in the first, the partner beyond the last.
 Here x = 1 + the original's energy e, so that the set point is 1, the drive is e^2 (their reward is 100 times
-its fall) and death comes below 0. What differs: one action more, rest; eating and passing are closed without
+its decrease) and death comes below 0. What differs: one more action, rest; eating and passing are closed without
 food; the cell is perceived as the distance to the partner. The first tick of a life draws both energies and the
 cell; a life is counted from the second.
 """

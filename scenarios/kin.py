@@ -1,6 +1,6 @@
 """Evolution of help: Hamilton's rule for how much an agent feels of the members of its group.
 
-Agents live in groups of `size`. At every chance an agent may give: giving costs it c and brings b = 1 to one other
+Agents live in groups of `size`. At every opportunity an agent can give: giving costs it c and brings b = 1 to one other
 member of its group. An agent that feels w times what others feel gives if w > c. At the end of a generation, newborns
 replace all agents. Parents are drawn from the whole population in proportion to energy, and a child inherits w from
 its parent, with mutation. One parent is the founder of each group. Each member is the founder's child with probability
@@ -8,7 +8,7 @@ sqrt(r), else the child of another parent, so two members of a group are related
 groups (Taylor 1992).
 
 With one c, weights above it spread where r > c (Hamilton 1964; robots: Waibel, Floreano and Keller 2011). Where c is
-drawn from 0 to 1 at every chance, w = r is stable.
+drawn from 0 to 1 at every opportunity, w = r is stable.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def build(
     felt: bool = True,
     ticks: int = 1_000,
 ) -> Scenario:
-    """Return the groups; with `varied` the cost is drawn anew from 0 to 1 at every chance, else it is `cost`.
+    """Return the groups; with `varied` the cost is drawn from 0 to 1 at every opportunity, else it is `cost`.
 
     With `felt` False, w is only a number of each agent, and nothing is felt: fast, for agents that act by w itself.
     """

@@ -41,7 +41,7 @@ def _eaters(name: str, cost: float, n: int) -> Species:
 
 
 def build(law: str = "competition", n: int = 12, ticks: int = 4_000) -> Scenario:
-    """Return the world of a law: "competition", "noise", "drift" or "growth"; `n` bodies at first, of each species."""
+    """Return the world of a law: "competition", "noise", "drift" or "growth"; `n` bodies per species at the start."""
     if law not in LAWS:
         raise EcologyError(f"law is one of {', '.join(map(repr, LAWS))}, got {law!r}.")
     idle: dict[str, Any] = {"actions": (rest(),), "count": n, "solid": False, "senses": (), "learner": "rest"}

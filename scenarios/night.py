@@ -5,7 +5,7 @@ that falls asleep at S = .62 and wakes at .09 is awake for 18.2 ln(.91 / .38) = 
 4.2 ln(.62 / .09) = 8.1 h (Borbely 1982); thresholds that swing with the day keep sleep at a fixed hour.
 
 There is food only from 0 to 16 h. A `steady` meal seldom fails; a `patchy` one nearly always fails, and is larger by
-the same factor. At dusk the body must have R, the energy that the night takes. With a mean mu at dusk and a standard
+the same factor. At dusk the body must have R, the energy that the night costs. With a mean mu at dusk and a standard
 deviation sigma, it survives the night with probability Phi((mu - R) / sigma). So steady meals are better where mu > R,
 and patchy ones where mu < R (Stephens 1981). The drive alone is averse to risk, so only an agent whose J knows death
 chooses patchy meals.
@@ -25,7 +25,7 @@ STEADY, PATCHY = 0.8, 0.1  # chances of a meal, per hour
 def build(
     start: float = 1.5, mean: float = 0.25, night: float = 5.0, dt: float = 1.0, count: int = 1, ticks: int = 240
 ) -> Scenario:
-    """Return the chamber; `mean` is what an hour of foraging brings, `night` is R, `start` the energy at first.
+    """Return the chamber; `mean` is what an hour of foraging brings, `night` is R, `start` the energy at the start.
 
     Energy is lost only at night.
     """

@@ -1,9 +1,9 @@
-"""Two resources that swing to and fro, and faster in the test than where the agent learned.
+"""Two resources that swing back and forth, faster in the test than where the agent learned.
 
 The third experiment of the follow-up (CTCS-HRRL 2024) on its square of 10 x 10: triangle waves of one unit's
 width, the first resource's along x, the second's along y. The period is 1000 while learning, 500 (or 750) in
-the `test`. The agent sees where to go (go_to leads to where a resource is now) but not where it is in its
-swing. Train, then test:
+the `test`. The agent sees where to go (go_to leads to where a resource is now) but not its phase.
+ Train, then test:
 
     ecology run oscillating
     ecology evaluate runs/oscillating-0 --set test=true

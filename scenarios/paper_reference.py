@@ -1,10 +1,10 @@
 """The authors' own world, with the numbers of their public code (2021): the reference parameter set.
 
-Own dynamics and control are proportional to the variable, dx/dt = (c + u) x, unlike the quantities
+The body's own dynamics and the control are proportional to the variable, dx/dt = (c + u) x, unlike the quantities
 per unit of time of `paper`. Where this world still differs from that code:
 - a sleep and a go_to last tick by tick (Euler) instead of one jump with the exponential, and a
   go_to ends at the circle's edge, where the resource can be consumed, instead of at its centre;
-- the body is a small disc, and a step into a wall ends at the wall; there it is a point, and such
+- the body is a small disc, and a step into a wall ends at the wall; in that code it is a point, and such
   a step is closed;
 - sleep opens at its threshold, not just above it;
 - the ceilings of the variables, which the code lacks, are set where no action reaches at dt = 1.

@@ -1,14 +1,14 @@
-"""Grass, prey and predators that learn by f and J; who is fit bears young, who starves or is bitten to death dies.
+"""Grass, prey and predators that learn f and J; fit agents reproduce, agents that starve or are bitten to death die.
 
 Patches of grass regrow at a constant rate, so they feed about patches * regrowth / prey_decay prey. A bite
 wounds: it takes health, which hurts, heals and is deadly at zero, so that a prey can learn to keep away from
-predators before it dies of one. Nobody knows where it is: a prey senses the nearest grass and the nearest predator, a
+predators before it dies of one. No agent knows where it is: a prey senses the nearest grass and the nearest predator, a
 predator the nearest prey. Of movements that seem equally good the first is taken, so a newborn that knows nothing eats
 where it can.
 
 Fleeing pays: both kinds walk at the same speed, a prey sees farther than a predator, and a predator that has bitten
-stands still for the handling time. Predators hunt less well near each other (`disturbance`), which keeps their numbers
-below what would eat up the prey.
+stands still for the handling time. Every other predator nearby costs a predator energy (`disturbance`), which keeps
+predators too few to eat up the prey.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ def build(
 ) -> Scenario:
     """Return the meadow, a walled square.
 
-    `decay` is energy lost, `birth` the rate of the fit and `mortality` that of any, all per unit of time. A bite
-    has `chance` per unit of time to take `wound` of health and bring `gain` of energy, and takes the time `handling`.
-    `disturbance` is energy that each other predator nearby costs a predator, per unit of time. `arrival` is the rate of
-    newcomers of either species; there is room for three times the `prey` and the `predators` of the start.
+    `decay` is energy lost, `birth` the birth rate of fit agents and `mortality` the death rate of all, per unit of
+    time. A bite has `chance` per unit of time to take `wound` of health and bring `gain` of energy, and takes the time
+    `handling`. `disturbance` is energy that each other predator nearby costs a predator, per unit of time. `arrival` is
+    the rate of newcomers of either species; slots are three times the numbers at the start.
     """
     grass = Resource(name="grass", count=patches, radius=0.4, stock=1.0, capacity=2.0, growth=Growth(rate=regrowth))
     energy = Need(name="energy", set_point=1.0, start=0.7, decay=prey_decay, bounds=(0.0, math.inf), lethal=True)

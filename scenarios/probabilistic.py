@@ -1,8 +1,8 @@
 """Two resources that are not always there, and less often in the test than where the agent learned.
 
 The second experiment of the follow-up (CTCS-HRRL 2024) on its square of 10 x 10: in every unit of time each
-resource is available with probability 0.9, and 0.8 in the `test`. While one is away it can be neither eaten
-from nor gone to. Train, then test:
+resource is available with probability 0.9, and 0.8 in the `test`. While one is away, agents can neither eat
+from it nor walk to it. Train, then test:
 
     ecology run probabilistic
     ecology evaluate runs/probabilistic-0 --set test=true

@@ -2,7 +2,7 @@
 
 Terms (c) and (d) of the paper's equation of d zeta (section "Dynamics and decision-making"). The
 room has two places: berries still hunger, a fire restores warmth. By night warmth is lost faster
-and hunger rests; wind and sun push warmth up and down at random. The agent has a clock.
+and hunger pauses; wind and sun push warmth up and down at random. The agent has a clock.
 """
 
 from __future__ import annotations

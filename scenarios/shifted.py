@@ -1,8 +1,8 @@
 """Two resources that lie elsewhere in the test: what was learned of places, carried over.
 
 The first experiment of the follow-up (CTCS-HRRL 2024) on its square of 10 x 10. The agent learns with the
-resources at (0.5, 4.25) and (3.5, 1.5); `test` has them half a unit away, where who stands in the middle of an
-old circle (of radius 0.3) reaches nothing. Everything happens in the true world here, while the follow-up's
+resources at (0.5, 4.25) and (3.5, 1.5); `test` has them half a unit away, where an agent in the middle of an
+old circle (of radius 0.3) reaches nothing. Here everything happens in the simulator, while the follow-up's
 tests follow the learned f. Train, then test:
 
     ecology run shifted

@@ -2,10 +2,10 @@
 
 Trap of Man and Yoshida (2024): the plane [-1, 1]^2, steps of 0.15, one piece of food that is somewhere else once
 it is picked up. Here x = 1 + the original's energy e, so that the set point is 1, the drive is e^2 (their
-reward is 100 times its fall), accidents leave x at 0.3, below that nobody moves, and death comes below 0. What
-differs: one action more, rest; who holds food cannot pick up another; both act on what was at the tick's start,
-where there the first is before the second. The first tick of a life draws energies and places; a life is counted from
-the second.
+reward is 100 times its decrease), accidents leave x at 0.3, below that no agent moves, and death comes below 0. What
+differs: one more action, rest; an agent that holds food cannot pick up another; both act on the state at the tick's
+start, while in the original the first acts before the second. The first tick of a life draws energies and places; a
+life is counted from the second.
 """
 
 from __future__ import annotations

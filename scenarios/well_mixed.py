@@ -1,12 +1,12 @@
-"""Lotka and Volterra's assumptions as a world: nobody learns, there are no walls, all are anywhere in every tick.
+"""Lotka and Volterra's assumptions as a world: no learning, no walls, and all bodies moved at random in every tick.
 
-Per head and unit of time prey bear at `growth` (alpha) and predators die at `mortality` (gamma). A
+Per head and unit of time prey reproduce at `growth` (alpha) and predators die at `mortality` (gamma). A
 predator bites the prey in its reach r, and every kill becomes a predator. With N prey and P predators
 
     dN/dt = alpha N - beta N P,    dP/dt = beta N P - gamma P,    beta = pi r^2 / (area dt),
 
-at rest at N = gamma / beta and P = alpha / beta. The arena has the area that makes `prey` the N at rest. That
-two things can happen to one body in a tick moves N and P at rest by about the share growth dt + mortality dt.
+with the equilibrium N = gamma / beta and P = alpha / beta. The arena has the area at which N is `prey` there. That
+two things can happen to one body in a tick moves the equilibrium by about the share growth dt + mortality dt.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def build(
     dt: float = 1.0,
     ticks: int = 2_000,
 ) -> Scenario:
-    """Return the world; `displacement` is the number of prey at the start over that at rest without culling.
+    """Return the world; `displacement` is the number of prey at the start over that of the equilibrium without culling.
 
     `culling` is an extra mortality of prey and predators alike, per unit of time.
     """

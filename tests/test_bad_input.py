@@ -260,7 +260,10 @@ WRONG_TYPES = {
     ),
     "a resource among needs": (lambda: species(needs=(FOOD, BERRIES)), ["needs[1] must be a Need", "'berries'"]),
     "a number among names": (lambda: species(sees=("berries", 3)), ["sees[1] must be a string", "got 3"]),
-    "a number among senses": (lambda: species(senses=("position", 3)), ["senses[1] must be a string or a Gauge", "3"]),
+    "a number among senses": (
+        lambda: species(senses=("position", 3)),
+        ["senses[1] must be a string or a Gauge or a Rays", "3"],
+    ),
     "a count of True": (lambda: species(count=True), ["count must be a whole number", "True"]),
     "a rate of True": (lambda: Need(name="food", set_point=2.0, decay=True), ["decay must be a number", "True"]),
     "a flag of 1": (lambda: species(solid=1), ["solid must be True or False", "got 1"]),

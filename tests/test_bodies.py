@@ -357,7 +357,7 @@ def test_moving_set_points_live_in_a_small_tick_and_on_a_torus():
     """The contract's snapshot and account hold in other ticks and without walls too."""
     for words in ({"dt": 0.1}, {"walls": False}):
         contract.CHECKS["every account closes"](lively(**words), 60)
-        contract.CHECKS["a snapshot lives on bit for bit"](lively(**words), 60)
+        contract.CHECKS["a snapshot continues bit for bit"](lively(**words), 60)
 
 
 def test_worlds_without_them_hold_nothing_more():

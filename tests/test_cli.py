@@ -105,9 +105,9 @@ def rule(world, rng):
     )
     code, out, err = ecology("check", "mine.py", "--ticks", "30")
     assert code == 1
-    assert "FAIL  the same seed gives the same life\n      tick 1: with the same seed" in out
+    assert "FAIL  the same seed gives the same run\n      tick 1: with the same seed" in out
     assert "pass  every account closes" in out
-    assert err == "mine.py breaks the contract in 4 of 15 points.\n"
+    assert err == "mine.py fails 4 of 15 checks of the contract.\n"
     code, _, err = ecology("check", "papper")
     assert (code, "Did you mean 'paper'" in err) == (2, True)
 

@@ -282,5 +282,5 @@ def test_a_page_that_cannot_be_served_stops_no_run(
     assert code == 0
     assert "rerun --connect" in out
     assert [record.getMessage() for record in caplog.records].count(
-        "the viewer for browsers cannot be started (gone). The run goes on."
+        "the viewer for browsers cannot be started (gone). The run continues."
     ) == 1

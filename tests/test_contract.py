@@ -88,11 +88,11 @@ def test_a_rule_that_is_not_pure_is_found(rule):
     broken = {holds: contract.reason(error) for holds, error in contract.check(scenario, 40) if error}
     assert set(broken) == {
         "dicts and arrays give one trajectory, births and deaths included",
-        "the same seed gives the same life",
-        "a snapshot lives on bit for bit",
-        "a copy lives on bit for bit",
+        "the same seed gives the same run",
+        "a snapshot continues bit for bit",
+        "a copy continues bit for bit",
     }
-    assert "does a rule keep something from tick to tick" in broken["the same seed gives the same life"]
+    assert "does a rule keep something from tick to tick" in broken["the same seed gives the same run"]
 
 
 def test_what_a_rule_raises_is_told():
@@ -103,7 +103,7 @@ def test_what_a_rule_raises_is_told():
 
     found = list(contract.check(square(kind(), rule=rule), 5))
     assert [holds for holds, _ in found] == list(contract.CHECKS)
-    still = ("the smallest body can reach all of the arena", "what is gone offers nothing")  # here nobody lives
+    still = ("the smallest body can reach all of the arena", "patches that are gone offer nothing")  # here nobody lives
     lives = [error for holds, error in found if holds not in still]
     assert {contract.reason(error) for error in lives} == {"KeyError: 'fod'"}
 
@@ -195,20 +195,20 @@ SABOTAGE = {
         lambda *arguments, whole=senses.observe: far_off(whole(*arguments)),
     ),
     "the action mask is honoured": lambda: damaged("step_arrays", first_action),
-    "infos tell the drive and closed actions": lambda: damaged("step", other_drives),
+    "infos have the drive and closed actions": lambda: damaged("step", other_drives),
     "dicts and arrays give one trajectory, births and deaths included": lambda: damaged("step", other_rewards),
-    "a horizon truncates everyone": lambda: damaged("step", never_over),
-    "what was handed out stays as it was": lambda: damaged("step_arrays", kept_and_written()),
-    "the same seed gives the same life": lambda: (
+    "a horizon truncates every agent": lambda: damaged("step", never_over),
+    "returned arrays never change": lambda: damaged("step_arrays", kept_and_written()),
+    "the same seed gives the same run": lambda: (
         life,
         "beside",
         lambda ground, position, radius, rng: position + np.random.default_rng().normal(size=position.shape) / 99,
     ),
-    "a snapshot lives on bit for bit": lambda: damaged(
+    "a snapshot continues bit for bit": lambda: damaged(
         "snapshot", lambda it: (it[0] | {"hold": it[0]["hold"] * 0}, it[1])
     ),
-    "a copy lives on bit for bit": lambda: damaged("__getstate__", other_chance),
-    "nobody leaves the arena or goes through a wall": lambda: (
+    "a copy continues bit for bit": lambda: damaged("__getstate__", other_chance),
+    "no body leaves the arena or goes through a wall": lambda: (
         Physics,
         "move",
         lambda self, position, velocity, dt, alive: (position + 9 * velocity * dt, 0),
@@ -219,8 +219,12 @@ SABOTAGE = {
         lambda arena, radius, whole=contract.split_room: whole(arena, radius + 1.6),
     ),
     "every account closes": lambda: (resources, "eat", less_eaten),
-    "names never return": returning_names,
-    "what is gone offers nothing": lambda: (appearing, "absent", lambda model, stock: np.zeros(len(stock), bool)),
+    "names are never used again": returning_names,
+    "patches that are gone offer nothing": lambda: (
+        appearing,
+        "absent",
+        lambda model, stock: np.zeros(len(stock), bool),
+    ),
 }
 
 

@@ -14,6 +14,7 @@ from types import ModuleType
 import pytest
 import typer.main
 
+import ecology
 from ecology import scenarios
 from ecology.lab.cli import app
 
@@ -41,6 +42,13 @@ def generate() -> Iterator[ModuleType]:
 def blocks(path: Path, kind: str) -> list[str]:
     """Return the code blocks of a kind on a page."""
     return re.findall(rf"^```{kind}\n(.*?)^```", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def test_a_comment_of_a_long_field_is_in_its_table(generate: ModuleType) -> None:
+    """The formatter splits a long field over several lines, and its comment stands on one of them."""
+    about = {field.name: field.about for field in generate.fields_of(ecology.Need)}
+    assert about["feeds"]
+    assert about["weight"]
 
 
 def test_every_generated_part_is_on_a_page(generate: ModuleType) -> None:
@@ -117,10 +125,15 @@ def test_notebooks_were_executed_from_top_to_bottom(path: Path) -> None:
     assert any("image/png" in output.get("data", {}) for output in outputs)
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/guides/python.md", "docs/guides/libraries.md"])
+GUIDES = ("python", "libraries", "bodies", "interventions", "archipelagos")
+
+
+@pytest.mark.parametrize("name", ["README.md", *(f"docs/guides/{name}.md" for name in GUIDES)])
 def test_the_code_of_a_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The Python blocks of a page run, one after the other."""
+    """The Python blocks of a page run, one after the other; parts of a scenario stand there without imports."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
+    if name.endswith(("bodies.md", "interventions.md")):
+        names |= {word: getattr(ecology, word) for word in ecology.__all__}
     for code in blocks(ROOT / name, "python"):
         exec(compile(code, name, "exec"), names)

@@ -87,8 +87,8 @@ def test_an_odour_stays_behind_a_closed_door():
 def test_a_world_with_doors_keeps_the_contract():
     """Bodies stay in, copies and snapshots go on, with the door open or closed."""
     scenario = hall(period=7.0, count=4, place=None)
-    for holds in ("nobody leaves the arena or goes through a wall", "a snapshot lives on bit for bit",
-                  "a copy lives on bit for bit", "the same seed gives the same life"):  # fmt: skip
+    for holds in ("no body leaves the arena or goes through a wall", "a snapshot continues bit for bit",
+                  "a copy continues bit for bit", "the same seed gives the same run"):  # fmt: skip
         contract.CHECKS[holds](scenario, 60)
 
 

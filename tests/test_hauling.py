@@ -136,8 +136,8 @@ def test_nothing_comes_of_nothing():
     assert state.stock[-1] > 0.0
 
 
-@pytest.mark.parametrize("holds", ["the action mask is honoured", "a snapshot lives on bit for bit",
-                                   "a copy lives on bit for bit", "every account closes"])  # fmt: skip
+@pytest.mark.parametrize("holds", ["the action mask is honoured", "a snapshot continues bit for bit",
+                                   "a copy continues bit for bit", "every account closes"])  # fmt: skip
 def test_a_world_with_loads_keeps_the_contract(holds):
     """Masks, snapshots, copies and accounts are right with loads."""
     env = world(nuts(growth=Growth(rate=0.05)), count=5)

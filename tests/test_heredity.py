@@ -72,7 +72,7 @@ def test_a_wrong_parent_is_noticed():
     child = next(serial for serial, whom in sources.items() if whom != (serial,))
     other = next(int(s) for s in before.serial[before.alive] if int(s) != sources[child][0])
     assert abs(equation(before, now, {**sources, child: (other,)}).transmission) > 1e-6
-    with pytest.raises(EcologyError, match="descends from nobody"):
+    with pytest.raises(EcologyError, match="has no parent"):
         equation(before, now, {**sources, child: (10_000,)})
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +14,11 @@ import pytest
 
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
-from ecology.observers import maps
-from ecology.observers.layout import blueprint
+from ecology.observers import layout, maps
+from ecology.observers import panels as files
+from ecology.observers.layout import PLACED, UNTOUCHED, Box, blueprint
+from ecology.observers.panels.base import Panel
+from ecology.observers.panels.futures import Futures
 from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
 
@@ -49,3 +56,35 @@ def test_the_maps_are_named_where_there_is_room(tmp_path: Path) -> None:
     needs = [scene.scenario.species[0].needs[i].name for i in maps.mapped_needs(scene.scenario.species[0])]
     titles = [str(part.name) for part in parts(scene) if getattr(part, "name", None)]
     assert any(title.endswith(f"now | at their worst: {', '.join(needs)}") for title in titles)
+
+
+def test_every_panel_has_a_place_and_is_sampled() -> None:
+    """Each file of a panel is in the layout, and what is in any part of the layout is sampled, once."""
+    modules = [
+        importlib.import_module(f"{files.__name__}.{each.name}") for each in pkgutil.iter_modules(files.__path__)
+    ]
+    kinds = {
+        kind
+        for module in modules
+        for kind in vars(module).values()
+        if inspect.isclass(kind) and issubclass(kind, Panel) and kind.__module__ == module.__name__
+    }
+    bases = {base for kind in kinds for base in kind.__bases__}
+    assert kinds - bases - {Futures} == set(PLACED)  # both futures are sampled by the run that has a fork
+    boxes = [value for value in vars(layout).values() if isinstance(value, Box)]
+    assert len(boxes) > 3
+    while boxes:
+        for part in boxes.pop().parts:
+            if isinstance(part, Box):
+                boxes.append(part)
+            else:
+                assert part in PLACED
+    assert len(set(PLACED)) == len(PLACED)
+
+
+def test_a_click_finds_bodies_alone() -> None:
+    """Every entity that a panel draws in the arena is one that a click passes through, but for the bodies."""
+    sources = [Path(path) / f"{each.name}.py" for path in files.__path__ for each in pkgutil.iter_modules([path])]
+    drawn = {name for path in sources for name in re.findall(r"world/(\w+)", path.read_text(encoding="utf-8"))}
+    elsewhere = {"maps", "here"}  # in views of their own
+    assert drawn - elsewhere - {"agents"} <= set(UNTOUCHED)

@@ -1,5 +1,6 @@
 """Walls, what others do and who they are, signals, traces, noise and failure: each sense against a case worked out."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -19,8 +20,12 @@ from ecology import (
     contract,
     move,
     parallel_env,
+    senses,
     turn,
+    typed,
 )
+from ecology.senses import Component, Sense
+from ecology.spec import SenseSpec
 
 
 def sensed(env, species="agent", row=0):
@@ -225,7 +230,7 @@ def test_readings_survive_a_snapshot_and_a_put():
     for _ in range(5):
         one, two = env.step_arrays(ask(env)), other.step_arrays(ask(other))
         assert np.array_equal(one.observations["agent"], two.observations["agent"])
-    for holds in ("the same seed gives the same life", "a copy lives on bit for bit"):
+    for holds in ("the same seed gives the same run", "a copy continues bit for bit"):
         contract.CHECKS[holds](scenario, 20)
 
 
@@ -234,6 +239,35 @@ def test_worlds_without_them_have_nothing_of_it():
     env = start(square(kind(neighbours=(Neighbours(),)), resources=(Resource(name="food"),)))
     assert {"traces", "misread", "failed", "grid", "doors"}.isdisjoint(env.state_view.arrays())
     assert "senses" not in env.snapshot()[1]["rng"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Height(SenseSpec):
+    """Parameters of a sense that a contributor adds: the height that is the zero."""
+
+    zero: float = 0.0
+
+    def __post_init__(self):
+        typed.check(self)
+
+
+class HeightSense(Sense):
+    """Sense y above the zero."""
+
+    def __init__(self, whose, sensed):
+        self._rows, self._zero = whose.rows, sensed.zero
+        self.components = (Component("height", "plain", 1.0, -math.inf, math.inf),)
+
+    def write(self, zeta, column, model, state, seen):  # noqa: D102
+        zeta[:, column] = state.position[self._rows, 1] - self._zero
+
+
+def test_a_sense_with_parameters_is_a_class_and_an_entry(monkeypatch):
+    """A scenario takes parameters from any file; without an entry the message says where it belongs."""
+    species = kind(position=(2.0, 3.0), senses=("heading", Height(zero=1.0)))
+    assert_refused(lambda: square(species), ["Height", "PARAMETRIC"])
+    monkeypatch.setitem(senses.PARAMETRIC, Height, HeightSense)
+    assert sensed(start(square(species)))["height"] == pytest.approx(2.0)
 
 
 WRONG = {

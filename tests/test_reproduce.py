@@ -54,7 +54,7 @@ def _run(folder, *names):
     assert end.value.code == 0
 
 
-def test_a_part_made_from_other_words_is_made_again(tiny, tmp_path):
+def test_a_part_made_with_other_parameters_is_made_again(tiny, tmp_path):
     """A kept part counts only where what it depends on is the same, and where its file is whole."""
     parts, done, part = tiny
     _run(tmp_path)
@@ -139,7 +139,7 @@ def test_every_case_can_be_told_before_it_is_done():
         assert len({part.key for part in parts}) == len(parts)
         assert parts or case.notes
         assert all(part.seconds > 0 for part in parts)
-        json.dumps([dict(part.words) for part in parts])
+        json.dumps([dict(part.parameters) for part in parts])
 
 
 @pytest.mark.parametrize("name", ["theory", "commons"])

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ecology import Arena, Ecology, Need, Scenario, Species, act, contract, rest, scenarios
+from ecology import Arena, Ecology, Need, Resource, Scenario, Species, act, contract, rest, scenarios
 from ecology.agents import checkpoint, learner_class, settings
 from ecology.lab.cli import main
 
@@ -50,6 +50,23 @@ def test_the_ruins_that_are_shown_keep_the_contract(tmp_path):
     scenario = scenarios.load(str(path))
     assert len(scenario.arena.holes) == 2
     assert [str(error) for _, error in contract.check(scenario, 30) if error] == []
+
+
+def test_the_fields_and_doors_that_are_shown_keep_the_contract():
+    """A fly lives among the odour, the mud and the doors of the page."""
+    section = TUTORIAL.partition("## Odours, mud and doors")[2].partition("## A rule")[0]
+    (code,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    words = {}
+    exec(code, words)
+    energy = Need(name="energy", set_point=1.0)
+    fly = Species(
+        name="fly", needs=(energy,), actions=(rest(),), senses=words["senses"], exposures=words["exposures"], count=3
+    )
+    meadow = Arena(vertices=((0, 0), (9, 0), (9, 6), (0, 6)), doors=words["doors"])
+    fields = (words["smell"], words["mud"])
+    carcass = Resource(name="carcass", count=3)
+    flies = Scenario(name="flies", arena=meadow, resources=(carcass,), species=(fly,), fields=fields)
+    assert [str(error) for _, error in contract.check(flies, 20) if error] == []
 
 
 def test_the_rule_that_is_shown_takes_what_it_gives():

@@ -37,11 +37,11 @@ class Perceptrons:
         return np.concatenate([*parts, np.zeros((n, self.last), np.float32)], axis=1)
 
     def redraw(self, slots: np.ndarray) -> None:
-        """Draw the weights of the agents `slots` (k,) anew."""
+        """Draw new weights for the agents `slots` (k,)."""
         self.weights[self.device.on(slots)] = self.device.on(self._draw(len(slots)))
 
     def forget(self, slots: np.ndarray) -> None:
-        """Let the optimiser of the agents `slots` (k,) start anew."""
+        """Reset the optimiser of the agents `slots` (k,)."""
         for array in (self.first, self.second, self.steps):
             array[self.device.on(slots)] = 0
 

@@ -11,7 +11,7 @@ from ecology import elementary
 from ecology.ground.outline import polygon_of, rings_of
 from ecology.ground.plane import Plane, plane_of
 from ecology.ground.scatter import scatter_in
-from ecology.ground.walls import Walls, clear_lines, inside_rings, stay_inside, walls_of
+from ecology.ground.walls import Walls, clear_lines, inside_rings, reaches, stay_inside, walls_of
 from ecology.spec import Arena
 from ecology.state import Bools, Floats
 
@@ -48,6 +48,12 @@ class Ground:
         if self.open:
             return np.ones(len(here), bool)
         return clear_lines(self.walls, here, there)
+
+    def reach(self, place: Floats, ways: Floats, far: float) -> Floats:
+        """Return the distances (k,) from a place (2,) along unit vectors (k, 2) to the nearest wall, at most `far`."""
+        if self.torus:
+            return np.full(len(ways), far)
+        return reaches(self.walls, np.asarray(place, float), ways, far)
 
     def room(self, points: Floats) -> Floats:
         """Return how far points (n, 2) are from the nearest wall, (n,)."""

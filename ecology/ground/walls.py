@@ -118,6 +118,32 @@ def clear_lines(walls: Walls, here: Floats, there: Floats) -> Bools:
 
 
 @within
+def reach(walls: Walls, x: float, y: float, dx: float, dy: float, far: float) -> float:
+    """Return the distance from (x, y) along the unit vector (dx, dy) to the nearest wall, at most `far`."""
+    start, along = walls.start, walls.along
+    best = far
+    for w in range(len(start)):
+        bx, by = along[w, 0], along[w, 1]
+        ox, oy = start[w, 0] - x, start[w, 1] - y
+        cross = dx * by - dy * bx
+        if cross == 0.0:
+            continue
+        way, share = (ox * by - oy * bx) / cross, (ox * dy - oy * dx) / cross
+        if 0.0 <= way < best and 0.0 <= share <= 1.0:
+            best = way
+    return best
+
+
+@compiled
+def reaches(walls: Walls, place: Floats, ways: Floats, far: float) -> Floats:
+    """Return the distances (k,) from a place (2,) along unit vectors (k, 2) to the nearest wall, at most `far`."""
+    found = np.empty(len(ways))
+    for k in range(len(ways)):
+        found[k] = reach(walls, place[0], place[1], ways[k, 0], ways[k, 1], far)
+    return found
+
+
+@within
 def near_walls(walls: Walls, place: Floats, far: float, near: Ints) -> int:
     """Write the walls that may come nearer than `far` to a place into `near` (W,), and return how many they are."""
     start, along = walls.start, walls.along

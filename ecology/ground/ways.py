@@ -25,7 +25,7 @@ def euclid(way: Floats) -> Floats:
 
 
 def gauge(angles: Floats) -> Norm:
-    """Return the norm of one who can only walk along `angles` (k,): the way's length, tacking included.
+    """Return the norm of an agent that can only walk along `angles` (k,): the way's length, tacking included.
 
     Its unit ball is the convex hull of the unit vectors, which must surround the origin.
     """

@@ -1,4 +1,4 @@
-"""What a watcher is: it is shown the world and the minds in it, and changes nothing."""
+"""Observers: they see the world and the learners in it, and change nothing."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Mind(Protocol):
 
     @property
     def decides(self) -> bool:
-        """Return whether `decision` shows anything, now or later."""
+        """Return whether `decision` ever returns a decision."""
         ...
 
     def follow(self, slots: Collection[int]) -> None:
-        """Keep from now on what the agents in `slots` weigh when they decide, and forget it of all others."""
+        """Record from now on the decisions of the agents in `slots`, and drop those of all others."""
         ...
 
     def decision(self, slot: int) -> Decision | None:
@@ -38,7 +38,7 @@ class Mind(Protocol):
         ...
 
     def plan_ahead(self, slot: int) -> Plan | None:
-        """Return the best that the agent in `slot` saw ahead when it decided, None where there is none."""
+        """Return the best plan that the agent in `slot` found when it decided, None where there is none."""
         ...
 
 
@@ -46,18 +46,18 @@ class Observer(Protocol):
     """Observer of a run; a class derived from it defines only the methods that it needs.
 
     A run calls three more methods of observers that have them: `flush()` before a checkpoint; `intervened(state, text,
-    said)` after an intervention, with the state after it, its line and what was done; and `held()` now and then while
-    the run waits.
+    said)` after an intervention, with the state after it, its line and what was done; and `held()` repeatedly while
+    the run is paused.
     """
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Be shown the world before its first tick; `minds` by species."""
+        """Called once before the first tick; `minds` are the learners by species."""
         return
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
-        """Be shown the read-only state after a tick."""
+        """Called after every tick with the read-only state."""
         return
 
     def end(self) -> None:
-        """Finish: flush and close what was written."""
+        """Called once after the last tick, also when an exception ends the run."""
         return

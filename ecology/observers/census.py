@@ -55,7 +55,7 @@ class Census:
     """Finds what happened in each tick, and counts births and deaths since it began."""
 
     def __init__(self, env: Ecology, before: tuple[Sequence[int], Sequence[int]] | None = None) -> None:
-        """Look at `env` as it stands; `before`: who was born and died by now, by species."""
+        """Look at `env` as it is; `before`: births and deaths so far, by species."""
         state, groups = env.state_view, tuple(env.groups.values())
         self._groups = groups
         self._plane = plane_of(env.scenario.arena)
@@ -173,7 +173,7 @@ def measured(scenario: Scenario, state: State) -> Floats:
 
 
 def _means(scenario: Scenario, state: State) -> list[float]:
-    """Return the mean of every trait over the living of its species, NaN of nobody."""
+    """Return the mean of every trait over the living of its species, NaN if there are none."""
     found, start = [], 0
     for s in scenario.species:
         rows = slice(start, start + s.slots)
@@ -250,7 +250,7 @@ class Life:
 
 @dataclass
 class Focus:
-    """The agent that is looked at in every species: its slot, -1 while nobody of the species lives.
+    """The agent in focus of every species: its slot, -1 while no agent of the species is alive.
 
     When it dies, the oldest of its species takes its place; with "hungriest", whoever then has the
     largest drive, which is also looked for now and then.
@@ -328,7 +328,7 @@ class Focus:
         return species, int(serial)
 
     def look(self, state: State, *, anew: bool = False) -> list[str]:
-        """Find the agents in focus, `anew` also where they live; return the species whose focus is another now."""
+        """Find the agents in focus, `anew` also where they are alive; return the species whose focus has changed."""
         changed = []
         for group in self.groups:
             rows = group.slots
@@ -378,7 +378,7 @@ class Past:
             self._drive.append(float(drive))
 
     def judge(self, tick: int, now: float, gamma: float, dt: float) -> list[tuple[int, float, float]]:
-        """Note that J was told at `tick`; return (tick, time, discounted drive afterwards) of those long enough ago."""
+        """Record J at `tick`; return (tick, time, discounted drive afterwards) of records that are old enough."""
         met = []
         self._expected.append((tick, now))
         span = math.ceil(math.log(0.05) / math.log(gamma) / dt)  # ticks: what is later weighs 5 %

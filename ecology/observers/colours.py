@@ -1,4 +1,4 @@
-"""Colours that watchers share: fixed, and told apart by colour-blind readers too."""
+"""Colours that observers share: fixed, and distinguishable by colour-blind readers."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class Control:
         self._woken.set()
 
     def decided(self) -> None:
-        """Stop a run that goes on to the next decision: the agent in focus has just made one."""
+        """Pause a run that advances to the next decision: the agent in focus has just made one."""
         with self._lock:
             self._until_decision = False
 
@@ -136,7 +136,7 @@ class Control:
     # ---- watchers ----------------------------------------------------------------------------
 
     def seen(self, watcher: str, shown: float | None) -> None:
-        """Note that the page `watcher` shows the tick `shown`; None: it looks elsewhere, so nobody waits for it."""
+        """Note that the page `watcher` shows the tick `shown`; None: it looks back, and is not waited for."""
         now = time.monotonic()
         with self._lock:
             if shown is None or not math.isfinite(shown):

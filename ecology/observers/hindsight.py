@@ -95,7 +95,7 @@ class Hindsight:
         return None
 
     def hear(self, click: Click) -> bytes | str | None:
-        """Return the layer of whom a click means, or words that it means nobody."""
+        """Return the layer of the agent that was clicked, or a message if there is none."""
         name = self.who(click)
         if name is None:
             when = "then" if click.tick is None else f"at tick {click.tick:,.0f}"
@@ -238,7 +238,7 @@ class Hindsight:
         )
 
     def _marks(self, scenario: Scenario) -> tuple[str, ...]:
-        """Return the kinds of marks that the legend names: who dies by a rule is not known without it."""
+        """Return the kinds of marks that the legend names; deaths by a rule are not known without the rule."""
         words: set[str] = set()
         for chunk in chunks(self._path, content="/world/legend/**", components="Points2D:labels", is_static=True):
             words.update(chunk.to_record_batch().column("Points2D:labels").to_pylist()[-1] or ())

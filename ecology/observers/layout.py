@@ -1,6 +1,7 @@
 """The first screen: which panels a recording has, and where the viewer shows them.
 
-A new panel is a file in panels/ and its place here: in ARENA if it draws in the plane, else in the tree of views below.
+A new panel is a file in panels/ and its place here: in ARENA if it draws in the plane, else in one of the boxes below.
+Every panel with a place is sampled (`PLACED`).
 """
 
 from __future__ import annotations
@@ -88,28 +89,15 @@ LIFE = rows(
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 STRIP = columns(Count, Drives)  # below the minds of a crowd
 CUES = columns(Stocks, Measures)  # below the mind of one agent
-BELOW: Sequence[type[Panel]] = (Here, Maps, Events)  # the arena
+MAPS: Sequence[type[Panel]] = (Here, Maps)  # side by side, a tab below the arena for each species
+BELOW: Sequence[type[Panel]] = (Events,)  # the arena, a tab each
 UNSEEN: Sequence[type[Panel]] = (Minds,)  # recorded for looking back
 FORK: Sequence[type[Panel]] = (*(kind for kind in ARENA if kind is not Legend), DecisionTable)  # of the other future
-UNTOUCHED = (  # of the plane: all but the bodies
+UNTOUCHED = (  # entities of the arena that a click passes through: of every layer but the bodies
     *("walls", "floor", "axes", "legend", "fields", "doors", "resources", "trail", "marks", "props"),
     *("focus", "chosen", "plan", "forecast", "came", "nobody"),
 )
 FORKED = "fork"  # the entity below which it lies
-
-
-def panels(scene: Scene, kinds: Sequence[type[Panel]] | None = None, only: str | None = None) -> list[Panel]:
-    """Return the panels of a scene, or those of the `kinds`, of all species or `only` of one."""
-    if kinds is None:
-        kinds = [*ARENA, *_kinds(LIFE), *_kinds(POPULATIONS), *BELOW, *UNSEEN]
-    names = [name for name in scene.groups if only in (None, name)]
-    found = [kind(scene, name) for kind in kinds for name in (names if kind.each else [""])]
-    return [panel for panel in found if panel.is_there()]
-
-
-def life_panels(scene: Scene, name: str) -> list[LifePanel]:
-    """Return the panels that draw the life of a species' focus, or of any agent after the fact."""
-    return [panel for panel in panels(scene, only=name) if isinstance(panel, LifePanel)]
 
 
 def _kinds(box: Box) -> Iterator[type[Panel]]:
@@ -120,23 +108,41 @@ def _kinds(box: Box) -> Iterator[type[Panel]]:
             yield part
 
 
+BOXES = (LIFE, POPULATIONS, STRIP, CUES)
+_placed = (*ARENA, *(kind for box in BOXES for kind in _kinds(box)), *MAPS, *BELOW, *UNSEEN)
+PLACED: Sequence[type[Panel]] = tuple(dict.fromkeys(_placed))  # every panel once, in the order in which they are drawn
+
+
+def panels(scene: Scene, kinds: Sequence[type[Panel]] | None = None, only: str | None = None) -> list[Panel]:
+    """Return the panels of a scene, or those of the `kinds`, of all species or `only` of one."""
+    kinds = PLACED if kinds is None else kinds
+    names = [name for name in scene.groups if only in (None, name)]
+    found = [kind(scene, name) for kind in kinds for name in (names if kind.each else [""])]
+    return [panel for panel in found if panel.is_there()]
+
+
+def life_panels(scene: Scene, name: str) -> list[LifePanel]:
+    """Return the panels that draw the life of a species' focus, or of any agent after the fact."""
+    return [panel for panel in panels(scene, only=name) if isinstance(panel, LifePanel)]
+
+
 def blueprint(scene: Scene) -> rrb.Blueprint:
     """Return the layout: the arena over the maps on the left; on the right a life, or populations and lives."""
     there = sorted(scene.groups, key=lambda name: name != scene.first)
     mapped = [map_ for name in there for map_ in _maps(scene, name)]
-    events = _views(scene, Events)[0]
+    others = [view for kind in BELOW for view in _views(scene, kind)]
     lives = [_place(scene, LIFE, name, name=scene.who(name)) for name in there]
     populations: Any = None
     if scene.crowd:
-        below, shares = rrb.Tabs(events, *mapped, active_tab=0), [2.6, 1.0]
+        below, shares = rrb.Tabs(*others, *mapped, active_tab=0), [2.6, 1.0]
         populations = None if scene.alone else _place(scene, POPULATIONS, name="populations")
         right: Any = rrb.Tabs(*lives, *([populations] if populations else []), active_tab=0)
         strip = _place(scene, CUES if scene.alone else STRIP)
         if strip is not None and lives:
             right = rrb.Vertical(right, strip, row_shares=[5.0, 1.0])
     else:
-        below, shares = rrb.Tabs(*mapped, events, active_tab=0), [2.3, 1.0]
-        right = lives[0] if lives else events
+        below, shares = rrb.Tabs(*mapped, *others, active_tab=0), [2.3, 1.0]
+        right = lives[0] if lives else others[0]
     arena: Any = _arena_view(scene)
     if scene.fork:
         arena = rrb.Horizontal(arena, _arena_view(scene, forked=True))
@@ -169,7 +175,8 @@ def _views(scene: Scene, kind: type[Panel], name: str = "") -> list[rrb.View | r
 
 def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
     """Return the map of J at the present state of a species' agent in focus, beside the maps at made-up states."""
-    shown = [*([] if name in scene.chosen else _views(scene, Here, name)), *_views(scene, Maps, name)]
+    kinds = [kind for kind in MAPS if kind is not Here or name not in scene.chosen]
+    shown = [view for kind in kinds for view in _views(scene, kind, name)]
     if not shown:
         return []
     whose = f"the {name} then in focus" if name in scene.chosen else scene.who(name)

@@ -52,7 +52,7 @@ HOSTS = (LOOPBACK, "localhost")
 
 @dataclass(frozen=True)
 class Shown:
-    """What a page shows, and who is told of clicks."""
+    """What a page shows, and what handles its clicks."""
 
     sources: Sequence[str]  # what the viewer opens: addresses of runs that serve, or names of `files`
     # called with every click, in any thread; a recording that it returns is added to the viewer, a text is displayed
@@ -155,7 +155,7 @@ class Desk(Protocol):
 
 
 def _nobody(who: str) -> None:
-    """Bring nobody into focus."""
+    """Bring no agent into focus."""
 
 
 class _Server(ThreadingHTTPServer):

@@ -174,7 +174,7 @@ class Picture:
             self._axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
 
     def _moving(self) -> list[Any]:
-        """Return what is drawn anew in every frame, the lowest first."""
+        """Return what is redrawn in every frame, the lowest first."""
         found: list[Any] = [*self._fields.values(), self._shut]
         if self._patches:
             rings, discs, names, _ = self._patches

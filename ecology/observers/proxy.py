@@ -102,7 +102,7 @@ async def _head(reader: asyncio.StreamReader) -> bytes:
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Pass on what comes in; TimeoutError where nobody takes it."""
+    """Forward the input; TimeoutError if it is not read."""
     with contextlib.suppress(OSError):
         while block := await reader.read(BLOCK):
             writer.write(block)

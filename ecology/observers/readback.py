@@ -38,7 +38,7 @@ def recording_id(path: Path) -> str:
         return RrdReader(str(path)).recordings()[0].recording_id
     except (RuntimeError, IndexError) as error:
         raise EcologyError(
-            f"the recording {str(path)!r} is damaged ({error}); move it away to go on with a new one."
+            f"the recording {str(path)!r} is damaged ({error}); move it away to start a new one."
         ) from error
 
 
@@ -64,7 +64,7 @@ def span(path: Path) -> tuple[int, int]:
 
 
 def continued(path: Path, tick: int, application: str) -> tuple[Path, str, bool]:
-    """Make the recording at `path` ready to go on after `tick`: what was recorded later is left out.
+    """Make the recording at `path` ready to continue after `tick`: what was recorded later is left out.
 
     Returns where the rest is written, the recording's identity, and whether it has no layout and needs one.
     """

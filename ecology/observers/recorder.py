@@ -1,9 +1,9 @@
 """Metrics in columns: one row per sampled tick and living agent, in a parquet file.
 
-While the run goes on, rows go to `metrics.parquet.parts/`, a folder of complete parquet files and nothing else, which
+During the run, rows go to `metrics.parquet.parts/`, a folder of complete parquet files and nothing else, which
 any parquet reader opens as one table: a part is written beside the folder and moved into it when it is complete. `end`
 joins them into `metrics.parquet` and removes the folder. A run that is killed leaves the folder, and with it everything
-but the last half minute: `read` opens either. Where both are there, the joined file is whole and the folder a remnant.
+but the last half minute: `read` opens either. Where both exist, the joined file is complete and the folder left over.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ TRIALS = ("session", "trial")  # columns of a scenario with sessions
 
 
 class Recorder:
-    """Writes ticks, bodies, internal states and the minds' own numbers to `metrics.parquet`.
+    """Writes ticks, bodies, internal states and the numbers that learners report to `metrics.parquet`.
 
     Columns: tick, time, agent, species, x, y, heading, one per internal variable under its need's
     name, drive (what is felt of others included), own_drive (without that), reward, action, one per
-    resource that somebody carries (`load.NAME`), one per measure of the scenario (`measures.NAME`,
+    resource that agents carry (`load.NAME`), one per measure of the scenario (`measures.NAME`,
     the same in every row of a tick), one per cue (`cues.NAME`), per set point
     that moves (`set_points.NEED`) and per trait (`traits.NAME`), session and trial in a scenario with sessions, and one
-    per number that a mind reports. A run in which somebody intervened, or whose scenario has a schedule, has
+    per number that a learner reports. A run with interventions, or whose scenario has a schedule, has
     `interventions` too: those since the last sampled tick, null
     where there was none. A variable that a species does not have is null. Memory is bounded by `ROWS` rows.
     """
@@ -56,7 +56,7 @@ class Recorder:
     ) -> None:
         """Write to `path` every `every` ticks; with `resume`, after the rows up to the present tick.
 
-        deeds: interventions since the last sampled tick, of which no row tells yet: tick and text.
+        deeds: interventions since the last sampled tick, which no row has yet: tick and text.
         """
         self._path, self._every, self._resume = Path(path), every, resume
         self._parts = parts_of(self._path)
@@ -170,7 +170,7 @@ class Recorder:
             self._write()
 
     def flush(self) -> None:
-        """Write the rows at hand, at a checkpoint: what is killed later goes on after them."""
+        """Write the rows so far, at a checkpoint: a run that is killed later continues after them."""
         self._write()
 
     def end(self) -> None:

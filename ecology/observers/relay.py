@@ -38,7 +38,7 @@ class Relay:
     """Feeds viewers from a process of its own, so that the run never waits for them.
 
     What waits is bounded by `BACKLOG` bytes; the oldest is dropped. A viewer that cannot be
-    reached, is slow or goes away is told of once, in the log, and the run goes on.
+    reached, is slow or goes away is reported once, in the log, and the run continues.
     """
 
     def __init__(self, how: str, address: str, scene: Scene) -> None:
@@ -129,7 +129,7 @@ class Relay:
     def _tell(self, what: str) -> None:
         if not self._told:
             self._told = True
-            log.warning("the viewer at %s %s. The run goes on.", self._url, what)
+            log.warning("the viewer at %s %s. The run continues.", self._url, what)
 
 
 def _relayed(how: str, address: str) -> int:

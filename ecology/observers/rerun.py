@@ -268,7 +268,7 @@ class RerunObserver:
         return self._sampler.turn(who)
 
     def _lay_out(self) -> None:
-        """Lay the screen out anew where somebody looks on; of several layouts in a file one is shown by chance."""
+        """Send a new layout to attached viewers; of several layouts in a file, one would be shown by chance."""
         for each in self._relays:
             each.put(pickle.dumps(("lay_out", (self._scene.first,))))
 
@@ -320,7 +320,7 @@ class RerunObserver:
                 joined(parts, self._path)
 
     def _open(self, tick: int) -> bool:
-        """Open the file, if there is one, and draw the first screen there; return whether it goes on with a recording.
+        """Open the file, if there is one, and draw the first screen there; return whether it continues a recording.
 
         What a run that was killed recorded after the tick that it goes on from is left out: it is recorded again.
         """

@@ -116,13 +116,13 @@ class Sampler:
         return look
 
     def follow(self, look: Watch) -> None:
-        """Let the panels that want to look at a tick."""
+        """Pass a tick to the panels that follow every tick."""
         if self.tick is not None:
             for panel in self._followers:
                 panel.follow(look)
 
     def refocus(self, state: State, *, anew: bool) -> None:
-        """Find who is in focus."""
+        """Find the agents in focus."""
         changed = self.focus.look(state, anew=anew)
         self._changed.update(changed)
         if changed:

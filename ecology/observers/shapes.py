@@ -1,4 +1,4 @@
-"""What things look like in the plane, whoever draws them: pure functions of arrays."""
+"""What things look like in the plane, for every observer: pure functions of arrays."""
 
 from __future__ import annotations
 
@@ -47,21 +47,9 @@ def view_field(species: Species, place: Floats, heading: float, ground: Ground |
     half = species.view_angle / 2
     angle = heading + np.linspace(-half, half, 25 if ground is None else 73)
     way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    arc = place + _free(place, way, species.view_range, ground)[:, None] * way
+    far = np.full(len(way), species.view_range) if ground is None else ground.reach(place, way, species.view_range)
+    arc = place + far[:, None] * way
     return arc if half >= math.pi - 1e-9 else np.concatenate([place[None], arc, place[None]])
-
-
-def _free(place: Floats, way: Floats, far: float, ground: Ground | None) -> Floats:
-    """Return the distances (k,) from `place` (2,) to the first wall along each `way` (k, 2), at most `far`."""
-    if ground is None or ground.torus or not len(ground.walls.start):
-        return np.full(len(way), far)
-    along, begin = ground.walls.along, ground.walls.start - place  # (W, 2)
-    cross = way[:, :1] * along[:, 1] - way[:, 1:] * along[:, 0]  # (k, W)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        there = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / cross
-        share = (begin[:, 0] * way[:, 1:] - begin[:, 1] * way[:, :1]) / cross
-    hit = (there >= 0) & (share >= 0) & (share <= 1)
-    return np.minimum(np.where(hit, there, far).min(axis=1), far)
 
 
 def mark(kind: str, place: Floats, other: Floats, wide: float) -> list[Floats]:

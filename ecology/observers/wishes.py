@@ -1,4 +1,4 @@
-"""Whom those who watch a run wish to see in focus: clicks in a browser, and the words of `ecology focus`.
+"""Requests for the agent in focus: clicks in a browser, and `ecology focus`.
 
 A run takes its wishes at its samples, so whoever wishes never waits on it nor disturbs it. Clicks come
 from another thread of the same process; words from another process, by a file in the run's folder that
@@ -40,11 +40,11 @@ class Wishes:
         self._mailbox = None if folder is None else Mailbox(folder, KIND)
 
     def click(self, click: Click) -> None:
-        """Wish for who was clicked."""
+        """Request the agent that was clicked."""
         self._clicks.append(click)
 
     def hear(self, click: Click) -> None:
-        """Wish for who was clicked; there is nothing to be drawn at once."""
+        """Request the agent that was clicked; nothing is drawn at once."""
         self.click(click)
 
     def name(self, word: str, patience: float = PATIENCE) -> str:
@@ -89,7 +89,7 @@ class Wishes:
         return None if self._mailbox is None else self._mailbox.waiting()
 
     def answer(self, word: str, said: str, *, done: bool) -> None:
-        """Tell who asked for `word` what has become of it."""
+        """Answer the request for `word`."""
         if self._mailbox is not None:
             self._mailbox.answer(word, said, done=done)
 

@@ -1,12 +1,15 @@
 """What agents perceive: one file per sense, and zeta, all senses of a species side by side.
 
-A sense of one's own is a class of one file here and an entry in `zeta.SENSES`, the names for `Species.senses`.
+To add a sense, write a subclass of `Sense` in a file here and add an entry to `zeta.SENSES`, by its name in
+`Species.senses`. A sense with parameters is an entry of `zeta.PARAMETRIC` instead: its file also has a frozen dataclass
+of the parameters, a subclass of `SenseSpec`, which `ecology/__init__.py` exports.
 """
 
 from __future__ import annotations
 
 from ecology.senses.base import Component, Perceiver, Perception, Sense
 from ecology.senses.zeta import (
+    PARAMETRIC,
     SENSES,
     Gaze,
     Layout,
@@ -19,6 +22,7 @@ from ecology.senses.zeta import (
 )
 
 __all__ = [
+    "PARAMETRIC",
     "SENSES",
     "Component",
     "Gaze",

@@ -1,4 +1,4 @@
-"""What one tells of others besides their place: what they do, whether they are kin, and who they are."""
+"""What is sensed of others besides their place: their action, kinship and identity."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ecology.state import Ints, State
 
 
 class Acquaintance:
-    """The components of one neighbour that say who it is, in the order action, kin, identity."""
+    """The components of one neighbour's action, kinship and identity, in this order."""
 
     def __init__(self, sensed: Neighbours, kinds: Sequence[Species], everyone: Sequence[Species]) -> None:
         """Compile what `sensed` says of the species `kinds`, of `everyone`."""
@@ -33,7 +33,7 @@ class Acquaintance:
         return found + [Component(f"{one}_mark_{i + 1}", "plain", 1.0, -1.0, 1.0) for i in range(self._sensed.identity)]
 
     def write(self, zeta: np.ndarray, column: int, state: State, species_of: Ints, who: Ints, other: Ints) -> None:
-        """Write what the slots `who` (k,), in the rows of zeta (k, D), tell of `other` (k,), from `column` on."""
+        """Write what the slots `who` (k,), in the rows of zeta (k, D), sense of `other` (k,), from `column` on."""
         rows = np.arange(len(who))
         if self._names:
             does = self._index[species_of[other], state.action[other]]

@@ -22,10 +22,10 @@ Kind = Literal["deviation", "felt", "position", "angle", "plain"]
 
 
 class Component(NamedTuple):
-    """One component of zeta."""
+    """One component of zeta. A learner that uses networks divides it by `scale` and encodes it by its `kind`."""
 
     name: str
-    kind: Kind
+    kind: Kind  # "deviation": of a need; "felt": of others' needs; "position": x or y; "angle": wraps; else "plain"
     scale: float  # size of an ordinary value
     low: float
     high: float
@@ -60,7 +60,9 @@ class Perception(NamedTuple):
 class Sense:
     """A sense of one species: one class per sense, compiled for a `Perceiver`, and written at every tick.
 
-    `components` are its part of zeta, in order. `write` fills their columns for the n slots of the species.
+    `components` are its part of zeta, in order. `write` fills their columns for the n slots of the species, also for
+    slots in which nobody lives: their values are ignored, but must not raise an error. The vector from one place to
+    another is `model.plane.gap`, which goes the shorter way round on a torus.
     """
 
     components: tuple[Component, ...]

@@ -21,7 +21,7 @@ class Clock(Sense):
 
     @classmethod
     def check(cls, owner: str, day: float | None) -> None:
-        """Hold the scenario to have a day."""
+        """Raise EcologyError if the scenario has no day."""
         require(day is not None, f"{owner}: the sense 'clock' needs the scenario's day, the length of its period.")
 
     def __init__(self, whose: Perceiver) -> None:

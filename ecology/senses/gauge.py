@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ecology.model import Model
 
 
-class FieldSense(Sense):
+class GaugeSense(Sense):
     """Sense the value of a field, its gradient, or both."""
 
     def __init__(self, whose: Perceiver, sensed: Gauge) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ecology.model import Model
 
 
-class Signals(Sense):
+class HearingSense(Sense):
     """Sense content, distance and bearing of the nearest signal on a channel; walls do not stop it."""
 
     def __init__(self, whose: Perceiver, sensed: Hearing) -> None:

@@ -74,7 +74,7 @@ class Others(Sense):
         self._wanted = self._features.kind_of >= 0  # (N,)
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
-        """Write what is sensed of the nearest; the farthest distance and 0 where there is nobody."""
+        """Write what is sensed of the nearest; the farthest distance and 0 where there is none."""
         eyes, pairs, sensed = seen.eyes, seen.pairs, self._sensed
         assert pairs is not None
         first = self._rows.start

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ecology import elementary, ground
+from ecology import elementary
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import cosine_and_sine
+from ecology.ground import walls as ground_walls
+from ecology.ground.walls import Walls, reach
 from ecology.senses.base import Component, Perceiver, Perception, Sense
 from ecology.spec import Rays
 from ecology.state import Floats, State
@@ -16,10 +18,10 @@ from ecology.state import Floats, State
 if TYPE_CHECKING:
     from ecology.model import Model
 
-use_cache(__file__, elementary.__file__)
+use_cache(__file__, ground_walls.__file__, elementary.__file__)
 
 
-class Walls(Sense):
+class RaySense(Sense):
     """Sense the distance to the nearest wall along rays from the body's centre; closed doors are walls."""
 
     def __init__(self, whose: Perceiver, sensed: Rays) -> None:
@@ -51,24 +53,13 @@ def cast(
     heading: Floats,
     angles: Floats,
     far: float,
-    walls: ground.Walls,
+    walls: Walls,
 ) -> None:
     """Write the distances to the nearest wall from `position` (n, 2) along `heading` (n,) + `angles` (k,), at most far.
 
     They stand in zeta (n, D) from `column` on.
     """
-    start, along = walls.start, walls.along
     for i in range(len(position)):
         for a in range(len(angles)):
             dx, dy = cosine_and_sine(heading[i] + angles[a])
-            best = far
-            for w in range(len(start)):
-                bx, by = along[w, 0], along[w, 1]
-                ox, oy = start[w, 0] - position[i, 0], start[w, 1] - position[i, 1]
-                cross = dx * by - dy * bx
-                if cross == 0.0:
-                    continue
-                way, share = (ox * by - oy * bx) / cross, (ox * dy - oy * dx) / cross
-                if 0.0 <= way < best and 0.0 <= share <= 1.0:
-                    best = way
-            zeta[i, column + a] = best
+            zeta[i, column + a] = reach(walls, position[i, 0], position[i, 1], dx, dy, far)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ecology.model import Model
 
 
-class Memory(Sense):
+class TraceSense(Sense):
     """Sense the largest value that a component had, fading since; `state.traces` holds it."""
 
     def __init__(self, whose: Perceiver, sensed: Trace) -> None:

@@ -17,16 +17,16 @@ from ecology.senses.cues import Cues
 from ecology.senses.deviations import Deviations
 from ecology.senses.faults import Faulty, compile_faults, misread
 from ecology.senses.felt import Felt
-from ecology.senses.gauge import FieldSense
+from ecology.senses.gauge import GaugeSense
 from ecology.senses.heading import Heading
-from ecology.senses.hearing import Signals
+from ecology.senses.hearing import HearingSense
 from ecology.senses.load import Load
 from ecology.senses.others import Others
 from ecology.senses.patches import Patches
 from ecology.senses.position import Position
-from ecology.senses.rays import Walls
-from ecology.senses.traces import Memory, follow
-from ecology.spec import Arena, Field, Gauge, Hearing, Rays, Resource, Species, Trace
+from ecology.senses.rays import RaySense
+from ecology.senses.traces import TraceSense, follow
+from ecology.spec import Arena, Field, Gauge, Hearing, Rays, Resource, SenseSpec, Species, Trace
 from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
@@ -37,12 +37,12 @@ SENSES: dict[str, type[Sense]] = {
     "heading": Heading,
     "clock": Clock,
     "load": Load,
-}  # of `Species.senses`
-MADE: dict[type, Callable[[Perceiver, Any], Sense]] = {  # of its senses that say more than a name
-    Gauge: FieldSense,
-    Rays: Walls,
-    Hearing: Signals,
-    Trace: Memory,
+}  # by their names in `Species.senses`
+PARAMETRIC: dict[type[SenseSpec], Callable[[Perceiver, Any], Sense]] = {  # by their parameters
+    Gauge: GaugeSense,
+    Rays: RaySense,
+    Hearing: HearingSense,
+    Trace: TraceSense,
 }
 
 
@@ -79,7 +79,7 @@ class Gaze:
     layout: Layout
     far: float  # the farthest that anything is seen, length
     senses: tuple[tuple[Sense, int], ...]  # with the first column of each in zeta
-    traces: tuple[Memory, ...]  # those of them that remember
+    traces: tuple[TraceSense, ...]  # those of them that remember
     faults: tuple[Faulty, ...]
 
 
@@ -99,7 +99,7 @@ def compile_gaze(
     senses: list[Sense] = [
         Deviations(whose),
         Felt(whose),
-        *(SENSES[each](whose) if isinstance(each, str) else MADE[type(each)](whose, each) for each in species.senses),
+        *(_make_sense(whose, each) for each in species.senses),
         *(Patches(whose, name) for name in species.sees),
         Cues(whose),
         *(Others(whose, sensed) for sensed in species.neighbours),
@@ -107,7 +107,7 @@ def compile_gaze(
     senses = [sense for sense in senses if sense.components]
     columns = np.cumsum([0, *(len(sense.components) for sense in senses)]).tolist()
     components = [c for sense in senses for c in sense.components]
-    traces = [sense for sense in senses if isinstance(sense, Memory)]
+    traces = [sense for sense in senses if isinstance(sense, TraceSense)]
     if traces:
         known = {c.name: (i, c) for i, c in enumerate(components)}
         for place, sense in enumerate(traces):
@@ -122,6 +122,13 @@ def compile_gaze(
         far=far,
         senses=tuple(zip(senses, columns[:-1], strict=True)),
     )
+
+
+def _make_sense(whose: Perceiver, sensed: str | SenseSpec) -> Sense:
+    """Return an entry of `Species.senses`, compiled."""
+    if isinstance(sensed, str):
+        return SENSES[sensed](whose)
+    return PARAMETRIC[type(sensed)](whose, sensed)
 
 
 def layout(

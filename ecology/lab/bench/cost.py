@@ -64,7 +64,7 @@ def points(folders: Sequence[Path]) -> list[Point]:
 
 
 def label(row: Mapping[str, Any]) -> str:
-    """Return the learner and those of its settings that a sweep was told."""
+    """Return the learner and those of its settings that a sweep sets."""
     told = [(key.rpartition(".")[2], value) for key, value in row.items() if re.match(r"set\.(\w+\.)?learner\.", key)]
     names = [value for key, value in row.items() if key.startswith("learner.")]
     return ", ".join([*dict.fromkeys(names), *(f"{key} {value}" for key, value in told)])
@@ -82,7 +82,7 @@ def world(row: Mapping[str, Any]) -> float:
 
 
 def camping(scenario: str) -> float:
-    """Return the mean drive of who stays at the best resource."""
+    """Return the mean drive of an agent that stays at the best resource."""
     world = scenarios.load(scenario)
     group = next(iter(Ecology(world).groups.values()))
     seed = EVALUATION_SEED

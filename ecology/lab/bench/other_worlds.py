@@ -51,7 +51,7 @@ def serve(name: str, agents: int, step: Step, version: str = "") -> None:
 
 
 def parallel(env: Any) -> tuple[int, Step]:
-    """Return how many agents a PettingZoo world has, and its tick; who dies is out, an empty world is reset."""
+    """Return how many agents a PettingZoo world has, and its tick; the dead are left out, an empty world is reset."""
     env.reset(seed=0)
     many = len(env.agents)
     drawn = itertools.cycle([{name: env.action_space(name).sample() for name in env.agents} for _ in range(DRAWN)])

@@ -100,7 +100,7 @@ def stepping(what: str, n: int) -> Callable[[], int]:
 
 
 def _through_dicts(env: Ecology, learner: Any) -> Callable[[], int]:
-    """Return one tick of a learner to whom the world is its dicts, as to anyone who comes by PettingZoo."""
+    """Return one tick of a learner that uses the world's dicts, as PettingZoo's users do."""
 
     def stacked(observations: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
         told = observations.values()
@@ -181,7 +181,7 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
 
 
 class Process:
-    """A point's process, from when it is ready until it is told to go."""
+    """A point's process, from when it is ready until it is started."""
 
     def __init__(self, point: Point) -> None:
         """Start it and wait until its world stands."""
@@ -214,7 +214,7 @@ class Process:
         raise EcologyError(f"the world {point.name} with {point.agents} agents failed: {said[-1]}")
 
     def time(self, seconds: float, least: int) -> dict[str, Any]:
-        """Return what a window of at least so many seconds and ticks came to."""
+        """Return the result of a window of at least so many seconds and ticks."""
         assert self.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # what it died of is told below
             self.process.stdin.write(f"{seconds} {least}\n")

@@ -108,7 +108,7 @@ def frozen(env: Ecology, minds: Mapping[str, Learner], tick: Tick, ticks: int, e
     return watch.rows
 
 
-def words(name: str, **more: Any) -> dict[str, Any]:
+def parameters(name: str, **more: Any) -> dict[str, Any]:
     """Return what a part in a scenario depends on."""
     return {"world": world_digest(scenarios.load(name)), **more}
 
@@ -125,7 +125,7 @@ def column(done: Mapping[str, Any], prefix: str) -> list[Any]:
 
 
 def whole(done: Mapping[str, Any], kind: str, values: Sequence[float], seeds: int) -> list[dict[float, Any]]:
-    """Return what the parts `KIND-VALUE-SEED` came to, by value, of every seed of which all parts are done."""
+    """Return the values of the parts `KIND-VALUE-SEED`, by VALUE, of every seed whose parts are all done."""
     found = []
     for seed in range(seeds):
         keys = {value: f"{kind}-{value:g}-{seed}" for value in values}

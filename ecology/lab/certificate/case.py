@@ -19,10 +19,10 @@ WIDE = 0.25  # half width of an interval, as a share of the number in it, from w
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of a case that is done once: `compute` returns what JSON holds, from `words` alone."""
+    """A piece of a case that is done once: `compute` returns what JSON holds, from `parameters` alone."""
 
     key: str
-    words: Mapping[str, Any]  # what it depends on; a part that was made from others is made again
+    parameters: Mapping[str, Any]  # what it depends on; a part that was made from others is made again
     seconds: float  # measured on one core
     compute: Callable[[], Any]
 

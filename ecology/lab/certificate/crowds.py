@@ -1,4 +1,4 @@
-"""What becomes of a pool and of a brood when those who live on it learn: the lives behind two cases of the certificate.
+"""The fate of a pool and of a brood with agents that learn: the runs behind two cases of the certificate.
 
 A life is that of `ecology run commons --set n=N` or `ecology run colony --set weight=W`, with its seed.
 """
@@ -97,7 +97,7 @@ def colony(weight: float, seed: int, ticks: int = TICKS) -> dict[str, float | No
 
 
 def _colony_now(env: Ecology, state: State) -> tuple[float, ...]:
-    """Return the shares of brood and nurses alive and, of those, own drives and how many nurses give; NaN of nobody."""
+    """Return the shares of brood and nurses alive and, of those, own drives and nurses that give; NaN without any."""
     brood, nurse = env.groups["brood"].slots, env.groups["nurse"].slots
     young, old = state.alive[brood], state.alive[nurse]
     values = state.own_drive[brood][young], state.own_drive[nurse][old], state.gave[nurse][old] >= 0
@@ -132,7 +132,7 @@ def parts_of(name: str, live: Callable[[Any, int], Any], values: Sequence[float]
     found = []
     for value in values:
         for seed in range(SEEDS[name]):
-            words = answers.words(name, ticks=TICKS)
+            words = answers.parameters(name, ticks=TICKS)
             found.append(Part(f"{value:g}-seed-{seed}", words, seconds, functools.partial(live, value, seed)))
     return found
 

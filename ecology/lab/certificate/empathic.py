@@ -91,7 +91,7 @@ def _means(lives: Sequence[Sequence[float]]) -> list[float]:
 
 
 def _against_idle(row: Row, idle: Sequence[float] | None) -> str:
-    """Return the verdict on a row that nothing is known of, beside lives of those who do nothing."""
+    """Return the verdict on a row without a known answer, against agents that do nothing."""
     interval = row.interval()
     if idle is None or interval is None:
         return "no number to compare with"

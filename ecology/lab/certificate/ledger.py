@@ -1,4 +1,4 @@
-"""What is done of the certificate, kept so that it is not done again."""
+"""The finished parts of the certificate, kept so that they are not repeated."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ PARTS = "parts"  # folder of the parts that are done
 
 
 class Ledger:
-    """The parts that are done, one JSON file each in the folder."""
+    """The finished parts, one JSON file each in the folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / PARTS
 
     def read(self, case: Case, part: Part) -> Any | None:
-        """Return what a part came to, None where it is not done or was made from other words."""
+        """Return the value of a part; None if it is not done or was made with other parameters."""
         try:
             told = json.loads(self._path(case, part).read_text(encoding="utf-8"))
-            return told["value"] if told["words"] == self._words(part) else None
+            return told["value"] if told["words"] == self._parameters(part) else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
     def do(self, case: Case, part: Part) -> Any:
-        """Do a part and keep what it came to."""
+        """Compute a part and keep its value."""
         start = time.monotonic()
         value = part.compute()
-        told = {"words": self._words(part), "seconds": round(time.monotonic() - start, 1), "value": value}
+        told = {"words": self._parameters(part), "seconds": round(time.monotonic() - start, 1), "value": value}
         path = self._path(case, part)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -45,8 +45,8 @@ class Ledger:
     def _path(self, case: Case, part: Part) -> Path:
         return self.folder / case.name / f"{part.key}.json"
 
-    def _words(self, part: Part) -> Any:
-        return json.loads(json.dumps({"version": ecology.__version__, **part.words}))
+    def _parameters(self, part: Part) -> Any:
+        return json.loads(json.dumps({"version": ecology.__version__, **part.parameters}))
 
 
 def left(case: Case, ledger: Ledger) -> list[Part]:
@@ -60,6 +60,6 @@ def rows(case: Case, ledger: Ledger) -> list[Row]:
 
 
 def values(case: Case, ledger: Ledger) -> dict[str, Any]:
-    """Return what the parts of a case that are done came to, by their keys."""
+    """Return the values of the finished parts of a case, by their keys."""
     found = {part.key: ledger.read(case, part) for part in case.parts()}
     return {key: value for key, value in found.items() if value is not None}

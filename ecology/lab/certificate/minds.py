@@ -141,7 +141,7 @@ def _mind(run: Run) -> tuple[Scenario, Learner]:
 
 
 def lived(run: Run) -> dict[str, Any]:
-    """Return what the training came to: the drive of its last tenth, and from which tick on it was regulated."""
+    """Return the results of the training: the drive of its last tenth, and the tick from which it was regulated."""
     _, learner = _mind(run)
     drive, span = run.tally.drives(learner.group.name)
     return {

@@ -1,4 +1,4 @@
-"""A run on the command line: its observers and its summary."""
+"""A run on the command line: what records and shows it while it runs; `summary.py` prints the summary."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from ecology import Ecology, EcologyError, State, Tick
 from ecology.ground.outline import drawn_lines
 from ecology.lab import compiling
-from ecology.lab.cli.options import format_number
 from ecology.lab.cli.progress import Progress
+from ecology.lab.cli.summary import print_summary
 from ecology.lab.runs.folder import METRICS, RECORDING
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.stopping import StoppedError
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ecology.observers.rerun import RerunObserver
 
 
-def live(it: Run, observers: list[Observer], *, quiet: bool) -> None:
-    """Live a run to its end, with progress, and say what it came to; serve its page until Ctrl-C."""
+def run_and_report(it: Run, observers: list[Observer], *, quiet: bool) -> None:
+    """Run to the end with a progress bar and print the summary; then serve the page of the run until Ctrl-C."""
     if not quiet:
         observers.append(Progress(it.tally, it.plan.ticks))
     audience = next((each for each in observers if isinstance(each, Audience)), None)
@@ -174,7 +174,7 @@ class Audience:
                 self._page = Page(Shown([source], self.hear, desk=self), dt=env.dt, port=port, name=name)
                 print(f"watch in a browser: {self._page.url}", flush=True)
             except EcologyError as error:
-                logging.getLogger("ecology").warning("%s The run goes on.", error)
+                logging.getLogger("ecology").warning("%s The run continues.", error)
             print(
                 f"watch in a viewer: rerun --connect {source} (every program on this machine can read "
                 "it, and draw there for other viewers; none of that reaches the run)",
@@ -263,7 +263,7 @@ class Audience:
         """Intervene in the fork."""
         twin = self._run.twin
         if twin is None or twin.over:
-            raise EcologyError("there is no fork of this run that goes on; fork it first.")
+            raise EcologyError("this run has no fork in progress; fork it first.")
         return twin.run.do(text)
 
     def focus(self, who: str) -> str:
@@ -302,31 +302,6 @@ class Audience:
     def _check_alive(self) -> None:
         if self._over:
             raise EcologyError("the run is over.")
-
-
-def print_summary(folder: Path, summary: Mapping[str, Any]) -> None:
-    """Print what a run came to, and what can be done with it."""
-    drive, last = summary["mean_drive"], summary["mean_drive_last_tenth"]
-    own, last_own = summary["mean_own_drive"], summary["mean_own_drive_last_tenth"]
-    felt = f" (own drive {format_number(own)}, {format_number(last_own)})" if (own, last_own) != (drive, last) else ""
-    print(
-        f"{summary['ticks']:,} ticks in {summary['wall_seconds']:,.1f} s; mean drive {format_number(drive)}, "
-        f"in the last tenth {format_number(last)}{felt}. The run is in {folder}"
-    )
-    several = len(summary["population"]) > 1
-    for name, of in summary["population"].items() if several or summary["births"] or summary["deaths"] else ():
-        gone = "" if of["died_out"] is None else f" (died out at tick {of['died_out']:,})"
-        drive, own = summary["species_drive"][name], summary["species_own_drive"][name]
-        felt = f" (own drive {format_number(own)})" if own != drive else ""
-        print(
-            f"{name}: {of['end']} alive{gone}, {of['mean']:.1f} on average, from {of['least']} to {of['most']}; "
-            f"mean drive {format_number(drive)}{felt}"
-        )
-    for name, of in summary["measures"].items():
-        known = [format_number(of[key]) for key in ("mean", "least", "most", "end")]
-        print(f"{name}: {known[0]} on average, from {known[1]} to {known[2]}, {known[3]} at the end")
-    watch = f"ecology view {folder}   or   " if (folder / RECORDING).exists() else ""
-    print(f"next: {watch}ecology evaluate {folder}")
 
 
 def _alive(env: Ecology, state: State) -> dict[str, int]:

@@ -18,6 +18,7 @@ from ecology.lab.values import read_value
 
 RECORD = "on"  # what a bare --record stands for
 
+NAME_OR_PATH = "Name from `ecology list`, or path of a .py file."  # help of a scenario or an archipelago
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 Port = Annotated[
     int | None,

@@ -1,4 +1,4 @@
-"""What evaluations and sweeps measure with unless told otherwise."""
+"""The defaults of evaluations and sweeps."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Change:
 
 
 def fork(run: Run, at: int, out: Path, change: Change, *, observers: Sequence[Observer] = (), **settings: Any) -> Run:
-    """Return a run to `out` that goes on with the world that `run` was at tick `at`, not yet begun.
+    """Return a run to `out` that continues the world of `run` from tick `at`, not yet started.
 
     `run` is as opened; it goes to the last state that is known at or before `at` and lives on from
     there, watched by `observers`. The `settings` are those of `resolve` that are not of the world: ticks, device,

@@ -83,7 +83,7 @@ def as_schedule(folder: Path, dt: float) -> str:
     """
     log = folder / INTERVENTIONS
     if not log.exists():
-        raise EcologyError(f"nobody intervened in the run {str(folder)!r}: there is no {INTERVENTIONS} in it.")
+        raise EcologyError(f"the run {str(folder)!r} has no interventions: there is no {INTERVENTIONS} in it.")
     lines = [f"    Event(do={json.dumps(each.do, ensure_ascii=False)}, at={each.tick * dt!r}, felt=False),\n"
              for each in read_log(log)]  # fmt: skip
     head = f'"""What was done to the run {folder.absolute().name}."""\n\nfrom ecology import Event\n\n'

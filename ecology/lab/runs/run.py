@@ -182,7 +182,7 @@ class Run:
         self._resumed = True
 
     def _ended(self) -> bool:
-        """Return whether the summary says that the run came to the end of what it had lived."""
+        """Return whether the summary covers all that the run has done."""
         try:
             told = json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))
             return told["ticks"] == self.now and "stopped_at" not in told
@@ -278,7 +278,7 @@ class Run:
 
     @contextlib.contextmanager
     def _faults_told(self, *, kept: bool) -> Iterator[None]:
-        """Add to an exception in a user's own code how far the run came and, where it is `kept`, how it goes on."""
+        """Add to an exception in a user's own code how far the run got and, where it is `kept`, how to resume it."""
         try:
             yield
         except Exception as error:
@@ -291,7 +291,7 @@ class Run:
             raise faults.wrap(f"after {self.now} ticks", error, then) from error
 
     def _go_on(self) -> str:
-        """Say how the run goes on once there is room again."""
+        """Say how to resume the run once there is room again."""
         return f"Then resume from tick {self._saved} with: {self.resume_command()}"
 
     def resume_command(self, *, mended: bool = False) -> str:
@@ -305,7 +305,7 @@ class Run:
         self._keep(self._observers, where)
 
     def _keep(self, observers: Sequence[Observer], where: Path | None = None) -> None:
-        """Write the checkpoint, and before it what is recorded up to it: a run that goes on leaves no gap."""
+        """Write the checkpoint, and before it what is recorded up to it, so that a resumed run leaves no gap."""
         for observer in observers:
             getattr(observer, "flush", lambda: None)()
         self.save(where)
@@ -382,7 +382,7 @@ class Run:
     def fork(self, out: Path | None = None, do: Sequence[str] = ()) -> Run | None:
         """Fork this run between two ticks, with the interventions `do` in the fork alone; return the fork.
 
-        While this run lives, both futures go on side by side, tick by tick: the fork in a folder of its own, `out` or
+        While this run lives, both futures continue side by side, tick by tick: the fork in its own folder, `out` or
         RUN-at-TICK. May be called as `do` may: before the run lives, when the fork is left to the caller to `live`;
         from any thread; from an observer, which is returned None. Raises EcologyError where it cannot be made.
         """
@@ -396,7 +396,7 @@ class Run:
     def _fork(self, out: Path | None, do: Sequence[str]) -> Run:
         if self.twin is not None and not self.twin.over:
             raise EcologyError(
-                f"the fork {self.twin.run.folder.name!r} goes on; one fork at a time lives beside a run."
+                f"the fork {self.twin.run.folder.name!r} is still running; a run can have one fork at a time."
             )
         self.twin = twins.Twin(twins.make_fork(self, out, do), self._observers, do)
         return self.twin.run

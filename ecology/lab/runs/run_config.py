@@ -1,4 +1,4 @@
-"""What a run is told: the scenario, its settings and who learns in it, resolved from what a user typed."""
+"""The plan of a run: the scenario, its settings and its learners, resolved from what a user typed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PACKAGE = "ecology-sandbox"  # the name under which the project is installed
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Who learns in a species, with every setting resolved."""
+    """The learner of a species, with every setting resolved."""
 
     name: str
     settings: Mapping[str, Any]
@@ -43,7 +43,7 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Everything that a run is told, resolved; config.toml holds exactly this."""
+    """All settings of a run, resolved; config.toml holds exactly this."""
 
     scenario: str  # name, or path of a file
     settings: Mapping[str, Any]  # of the scenario

@@ -1,4 +1,4 @@
-"""A sweep: one scenario lived under many settings, learners and seeds, and what they come to together.
+"""A sweep: one scenario run with many settings, learners and seeds, and the table of their results.
 
 Every run is a folder and a process of its own, started as `python -P -m ecology.lab.cli.worker FOLDER` with a
 pipe for its standard input: where the pipe closes, because the sweep stops or has died, the run stops
@@ -56,7 +56,7 @@ Attempt = Callable[["Cell", threading.Event], tuple[int, str]]  # run, stop -> e
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One run of a sweep: what is told to it, and what of that sets it apart."""
+    """One run of a sweep: its settings, and those that distinguish it."""
 
     plan: Plan
     varied: Mapping[str, Any]  # "set.KEY", "learner": what was typed, the seed aside
@@ -146,7 +146,7 @@ def cells_of(
 
 
 def _name(varied: Mapping[str, Any], seed: int) -> str:
-    """Return the name of a run's folder: what it was told, and a digest of that where a name cannot hold it."""
+    """Return the name of a run's folder: its settings, or a digest of them where a name cannot hold them."""
     told = "_".join(f"{axis.removeprefix('set.')}={value}" for axis, value in varied.items())
     name = re.sub(r"[^\w.=+-]", "-", told)
     if name != told or len(name) > LONGEST:
@@ -155,13 +155,13 @@ def _name(varied: Mapping[str, Any], seed: int) -> str:
 
 
 def finished(cell: Cell) -> dict[str, Any] | None:
-    """Return the summary of a run that has come to its end, and is measured if it is to be; else None."""
+    """Return the summary of a run that has ended, and is measured if it is to be; else None."""
     told = lived(cell)
     return told if told is not None and (LEARNED in told or not cell.evaluate) else None
 
 
 def lived(cell: Cell) -> dict[str, Any] | None:
-    """Return the summary of a run that has come to its end, measured or not; else None."""
+    """Return the summary of a run that has ended, measured or not; else None."""
     return summary_at(cell.folder, cell.plan.ticks)
 
 
@@ -176,7 +176,7 @@ def summary_at(folder: Path, ticks: int) -> dict[str, Any] | None:
 
 
 def check(cell: Cell) -> None:
-    """Raise EcologyError where the folder of a run holds a run that was told something else."""
+    """Raise EcologyError where the folder of a run holds a run with other settings."""
     try:
         with readable("the config", cell.folder / CONFIG):
             there = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
@@ -414,7 +414,7 @@ def _flat(words: Mapping[str, Any], where: str = "") -> Iterable[tuple[str, Any]
 
 
 def rows_of(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
-    """Return the rows of the table; a cause that nobody died of in a run, but in another, counts 0."""
+    """Return the rows of the table; a cause of death that did not occur in a run, but in another, counts 0."""
     rows = [row(outcome.cell, outcome.summary or {}) for outcome in outcomes]
     for cause in dict.fromkeys(key for each in rows for key in each if ".died_of." in key):
         for each in rows:

@@ -163,14 +163,14 @@ class Tally:
         return _share(float(share @ drive), float(share @ living))
 
     def drives(self, species: str) -> tuple[np.ndarray, int]:
-        """Return the mean drive of the living of a species per block, NaN of nobody, and the ticks of a block."""
+        """Return the mean drive of the living of a species per block, NaN without any, and the ticks of a block."""
         at = list(self._groups).index(species)
         living = self.living[: self._used, at]
         total = self.drive[: self._used, at]
         return np.divide(total, living, out=np.full(len(living), np.nan), where=living > 0), self.span
 
     def summary(self) -> dict[str, Any]:
-        """Return what the run has come to."""
+        """Return the results of the run so far."""
         lived_by = self.living.sum(axis=0)  # per species
         wall, cpu, learner = self.seconds
         tenth = self.tick - max(1, self.tick // 10)
@@ -224,7 +224,7 @@ class Tally:
         }
 
     def _traits(self, species: Species, rows: slice) -> dict[str, dict[str, float | None]]:
-        """Return mean and standard deviation of the traits of a species as they are now, None of nobody."""
+        """Return mean and standard deviation of the traits of a species as they are now; None if no agent is alive."""
         state = self._env.state_view
         assert state.trait is not None
         living = state.trait[rows][state.alive[rows]]

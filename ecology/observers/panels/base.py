@@ -81,7 +81,7 @@ class Batch:
         self.times = time_columns(self.ticks, np.array([s["time"] for s in samples]))
 
     def of(self, panel: Panel) -> list[Any]:
-        """Return what a panel sampled, n."""
+        """Return what a panel sampled, n; None where it sampled nothing."""
         return [s["panels"].get(panel.key) for s in self.samples]
 
     def at(self, rows: Sequence[int] | np.ndarray) -> list[rr.TimeColumn]:
@@ -162,11 +162,14 @@ class Panel:
         return True
 
     def follow(self, watch: Watch) -> None:
-        """Look at the run after every tick."""
+        """Look at the run after every tick, also between two samples."""
         return
 
     def sample(self, watch: Watch) -> Any:
-        """Return the panel's sample as plain data that no longer changes with the run, None if there is nothing."""
+        """Return the panel's sample as plain data that no longer changes with the run, None if there is nothing.
+
+        Called once per sample, not per tick: see `follow`.
+        """
         return None
 
     def final(self, watch: Watch) -> Any:
@@ -174,7 +177,10 @@ class Panel:
         return None
 
     def open(self, rec: rr.RecordingStream) -> None:
-        """Draw what does not change: names, colours."""
+        """Draw what does not change: names, colours.
+
+        `rec` logs to `population/x`, without a slash; the origin of a view is `/population/x`.
+        """
         return
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:

@@ -14,7 +14,7 @@ from ecology.observers.scene import Scene
 
 
 class Expectation(Panel):
-    """Draws -ln(gamma) J, and where it was told the discounted drive of the time after it."""
+    """Draws -ln(gamma) J and, at the same tick, the discounted drive that followed."""
 
     each = True
 

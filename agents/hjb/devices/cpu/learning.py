@@ -96,13 +96,13 @@ def learn_f(s, own, sample, scratch, g):
         if movement[r] < 0:
             continue
         for v in range(parts + 1):
-            goal = min(duration[r], LONGEST) if v == parts else after[r, v] - zeta[r, v]
+            target = min(duration[r], LONGEST) if v == parts else after[r, v] - zeta[r, v]
             for p in s.angle:
                 if p == v:
-                    goal -= TURN * F(math.floor(goal / TURN + HALF))
+                    target -= TURN * F(math.floor(target / TURN + HALF))
             o = movement[r] * (parts + 1) + v
             weight, slot = w3[o], g3[o]
-            error = output(row, weight, b3[o]) - goal / s.unit[v]
+            error = output(row, weight, b3[o]) - target / s.unit[v]
             loss += error * error * part
             e = TWO * error * part
             gb3[o] += e
@@ -127,11 +127,11 @@ def learn_f(s, own, sample, scratch, g):
 def learn_j(s, own, sample, scratch, g):
     """Return L_J and fill its gradient g (Q,): the squared residual of the HJB equation, in drive units.
 
-    `sample` are zeta (b, D), the movement (b,), the right-hand side of the equation (b,) and the pace (b, D). Where the
-    score is first order and there is no min (Algorithm 1 as printed), the right-hand side lacks dJ/dzeta . f, which is
-    added here along the pace and differentiated too.
+    `sample` are zeta (b, D), the movement (b,), J's target (b,), which is the right-hand side of the equation, and the
+    pace (b, D). Where the score is first order and there is no min (Algorithm 1 as printed), the target lacks
+    dJ/dzeta . f, which is added here along the pace and differentiated too.
     """
-    zeta, movement, goal, pace = sample
+    zeta, movement, target, pace = sample
     b, width, inputs = len(zeta), s.width, inputs_of(s, own)
     k = len(s.plain) + 2 * len(s.angle) + own.cells
     printed = not (s.finite or s.minimum)
@@ -158,7 +158,7 @@ def learn_j(s, own, sample, scratch, g):
     gb3[:] = ZERO
     for r in range(b):
         base = drive(s, zeta[r], scratch.mixed) if s.anchored else s.centre_j
-        residual = base + s.spread_j * output(h2[r], w3[0], b3[0]) - goal[r]
+        residual = base + s.spread_j * output(h2[r], w3[0], b3[0]) - target[r]
         if printed:
             residual = add_climb(s, zeta[r], pace[r], h2[b + r], w3[0], residual, scratch)
         weight = share * F(s.minimum or movement[r] >= 0)

@@ -31,13 +31,13 @@ class Batch(NamedTuple):
     zeta_f: np.ndarray  # (b', D)
     after_f: np.ndarray  # (b', D)
     time_f: np.ndarray  # (b',)
-    done_f: np.ndarray  # int (b',)
+    movement_f: np.ndarray  # int (b',)
     zeta: np.ndarray  # (b, D)
     pace: np.ndarray  # (b, D)
-    done: np.ndarray  # int (b,)
+    movement: np.ndarray  # int (b,)
     open: np.ndarray  # bool (b, M)
     table: np.ndarray  # (b, M)
-    goal: np.ndarray  # (b,)
+    target: np.ndarray  # (b,)
     trained: np.ndarray  # bool (M,) heads of f that move
     always: np.ndarray  # bool (1,) the head of J
     neutral: np.ndarray  # (2,) no optimism
@@ -95,12 +95,12 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
         at = batch.at_f[r]
         copy(replay.zeta[i, at], batch.zeta_f[r])
         copy(replay.after[i, at], batch.after_f[r])
-        batch.time_f[r], batch.done_f[r] = replay.duration[i, at], replay.movement[i, at]
-    loss = learn_f(s, own, (batch.zeta_f, batch.done_f, batch.after_f, batch.time_f), scratch, batch.g_f)
+        batch.time_f[r], batch.movement_f[r] = replay.duration[i, at], replay.movement[i, at]
+    loss = learn_f(s, own, (batch.zeta_f, batch.movement_f, batch.after_f, batch.time_f), scratch, batch.g_f)
     batch.trained[:] = not s.lazy
     for r in range(bf):
-        if batch.done_f[r] >= 0:
-            batch.trained[batch.done_f[r]] = True
+        if batch.movement_f[r] >= 0:
+            batch.trained[batch.movement_f[r]] = True
     base = len(s.plain) + 2 * len(s.angle)
     inputs = base + own.centres.shape[1]
     row = Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i])
@@ -108,7 +108,7 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
     if bf <= FEW:
         _, _, _, _, g3, gb3 = layers(batch.g_f, inputs, s.width)
         for r in range(bf):
-            head = max(batch.done_f[r], 0) * (parts + 1)
+            head = max(batch.movement_f[r], 0) * (parts + 1)
             g3[head : head + parts + 1], gb3[head : head + parts + 1] = ZERO, ZERO
     return loss
 
@@ -116,28 +116,28 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
 @inlined
 def train_j(s, weights, replay, sampling, i, rate, batch, scratch):
     """Take one step on L_J for agent `i`, and let the slow copy of J follow; return the loss."""
-    b, m, zeta, done, goal = len(batch.at), sampling.imagined, batch.zeta, batch.done, batch.goal
+    b, m, zeta, movement, target = len(batch.at), sampling.imagined, batch.zeta, batch.movement, batch.target
     uniform = sampling.uniform[i]
     positions(replay.count[i], replay.zeta.shape[1], uniform, sampling.late, sampling.recent, batch.at)
     for r in range(b):
         at = batch.at[r]
         copy(replay.zeta[i, at], zeta[r])
-        done[r] = replay.movement[i, at]
+        movement[r] = replay.movement[i, at]
         for v in range(s.movements):
-            batch.open[r, v] = replay.open[i, at, v] if s.minimum else v == max(done[r], 0)
+            batch.open[r, v] = replay.open[i, at, v] if s.minimum else v == max(movement[r], 0)
     if m:
         imagine(s, zeta, uniform[b + sampling.batch_f :], sampling.normal[i], m)
     slow = agent_of(weights, i, weights.target[i], batch.neutral)  # no optimism: the target stays what was met
     if s.minimum or s.finite:
         scores(s, slow, zeta, batch.open, scratch, batch.table)
         for r in range(b):
-            goal[r] = min(max(expected_score(s, batch.table[r]), ZERO), s.ceiling)
+            target[r] = min(max(expected_score(s, batch.table[r]), ZERO), s.ceiling)
     else:
-        executed(s, slow, zeta, done, scratch, batch.pace)
+        executed(s, slow, zeta, movement, scratch, batch.pace)
         for r in range(b):
-            goal[r] = drive(s, replay.after[i, batch.at[r]], scratch.mixed)
+            target[r] = drive(s, replay.after[i, batch.at[r]], scratch.mixed)
     own = agent_of(weights, i, weights.J[i], batch.neutral)
-    loss = learn_j(s, own, (zeta, done, goal, batch.pace), scratch, batch.g_j)
+    loss = learn_j(s, own, (zeta, movement, target, batch.pace), scratch, batch.g_j)
     base = len(s.plain) + 2 * len(s.angle)
     extent = Extent(base + own.cells, base + own.centres.shape[1], b if s.finite or s.minimum else 2 * b)
     row = Row(weights.J[i], weights.J_first[i], weights.J_second[i], weights.J_steps[i])

@@ -58,19 +58,19 @@ def learn_f(s: Any, own: Any, sample: Sample) -> Tensor:
     zeta, movement, after, duration = sample
     change = after - zeta
     change[:, s.angle] = torch.atan2(change[:, s.angle].sin(), change[:, s.angle].cos())
-    goal = torch.cat([change, duration[:, None].clamp(max=LONGEST)], 1) / s.unit
-    return mean((pick(forecast(s, own, zeta), movement) - goal).square().mean(1), movement >= 0)
+    target = torch.cat([change, duration[:, None].clamp(max=LONGEST)], 1) / s.unit
+    return mean((pick(forecast(s, own, zeta), movement) - target).square().mean(1), movement >= 0)
 
 
 def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:
     """Return L_J: the squared residual of the HJB equation, in drive units.
 
-    `sample` are zeta (b, D), the movement (b,), the right-hand side of the equation (b,) and the pace (b, D). Where the
-    score is first order and there is no min (Algorithm 1 as printed), the right-hand side lacks dJ/dzeta . f, which is
-    added here along the pace and differentiated too.
+    `sample` are zeta (b, D), the movement (b,), J's target (b,), which is the right-hand side of the equation, and the
+    pace (b, D). Where the score is first order and there is no min (Algorithm 1 as printed), the target lacks
+    dJ/dzeta . f, which is added here along the pace and differentiated too.
     """
-    zeta, movement, goal, pace = sample
-    residual = deviations(s, own, zeta) - goal
+    zeta, movement, target, pace = sample
+    residual = deviations(s, own, zeta) - target
     if not (s.minimum or s.finite):
         residual = add_climb(s, own, zeta, pace, residual)
     weight = (s.weight_top / (s.weight_floor + drive(s, zeta))) ** s.weight_power

@@ -57,14 +57,14 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
     pace = zeta
     if s.minimum or s.finite:
         did = functional.one_hot(movement.clamp(min=0), s.movements).bool()
-        goal = expected_score(s, scores(s, slow, zeta, torch.from_numpy(replay.open[i, at]) if s.minimum else did))
-        goal = goal.clamp(0, s.ceiling)
+        target = expected_score(s, scores(s, slow, zeta, torch.from_numpy(replay.open[i, at]) if s.minimum else did))
+        target = target.clamp(0, s.ceiling)
     else:
         pace = executed(s, slow, zeta, movement)
-        goal = drive(s, torch.from_numpy(replay.after[i, at]))
+        target = drive(s, torch.from_numpy(replay.after[i, at]))
     own = agent_of(s, weights, i, weights.J[i], None)
     leaves = [layer.detach().requires_grad_() for layer in own.J]
-    loss = learn_j(s, own._replace(J=leaves), (zeta, movement, goal, pace))
+    loss = learn_j(s, own._replace(J=leaves), (zeta, movement, target, pace))
     loss.backward()
     row = Row(weights.J[i], weights.J_first[i], weights.J_second[i], weights.J_steps[i])
     step(row, leaves, rate, np.ones(1, bool))

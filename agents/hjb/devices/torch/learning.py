@@ -54,20 +54,20 @@ def learn_f(s: Any, own: Any, sample: Sample) -> Tensor:
     change = after - zeta
     turned = change[..., s.angle]
     change[..., s.angle] = torch.atan2(turned.sin(), turned.cos())
-    goal = torch.cat([change, duration[..., None].clamp(max=LONGEST)], -1)
-    error = pick(forecast(s, own, zeta), movement) - goal / s.unit
+    target = torch.cat([change, duration[..., None].clamp(max=LONGEST)], -1)
+    error = pick(forecast(s, own, zeta), movement) - target / s.unit
     return mean(error.square().mean(-1), movement >= 0)
 
 
 def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:
     """Return L_J (a,): the squared residual of the HJB equation, in drive units.
 
-    `sample` are zeta (a, b, D), the movement (a, b), the right-hand side of the equation (a, b) and the pace (a, b, D).
-    Where the score is first order and there is no min (Algorithm 1 as printed), the right-hand side lacks
-    dJ/dzeta . f, which is added here along the pace and differentiated too.
+    `sample` are zeta (a, b, D), the movement (a, b), J's target (a, b), which is the right-hand side of the
+    equation, and the pace (a, b, D). Where the score is first order and there is no min (Algorithm 1 as printed), the
+    target lacks dJ/dzeta . f, which is added here along the pace and differentiated too.
     """
-    zeta, movement, goal, pace = sample
-    residual = deviations(s, own, zeta) - goal
+    zeta, movement, target, pace = sample
+    residual = deviations(s, own, zeta) - target
     if not (s.minimum or s.finite):
         residual = add_climb(s, own, zeta, pace, residual)
     weight = (s.weight_top / (s.weight_floor + drive(s, zeta))) ** s.weight_power

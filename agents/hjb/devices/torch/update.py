@@ -61,14 +61,14 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
     if s.minimum or s.finite:
         did = functional.one_hot(movement.clamp(min=0).long(), s.movements).bool()
         table = scores(s, slow, zeta, rows_at(replay.open, at) if s.minimum else did)
-        goal = expected_score(s, table).clamp(0.0, s.ceiling)
+        target = expected_score(s, table).clamp(0.0, s.ceiling)
     else:
         pace = executed(s, slow, zeta, movement)
-        goal = drive(s, rows_at(replay.after, at))
+        target = drive(s, rows_at(replay.after, at))
     own = agent_of(s, weights, weights.J, None)
     leaves = [layer.detach().requires_grad_() for layer in own.J]
     with torch.enable_grad():
-        loss = learn_j(s, own._replace(J=leaves), (zeta, movement, goal, pace))
+        loss = learn_j(s, own._replace(J=leaves), (zeta, movement, target, pace))
         loss.sum().backward()
     row = Row(weights.J, weights.J_first, weights.J_second, weights.J_steps)
     step(row, leaves, rate, learns, torch.ones_like(learns))

@@ -22,5 +22,5 @@ def chosen(names: Sequence[str]) -> list[Case]:
     known = all_cases()
     for name in names:
         if name not in known:
-            raise EcologyError(f"there is no result {name!r} to reproduce. {nearest(name, known)}")
+            raise EcologyError(f"there is no case {name!r} to reproduce. {nearest(name, known)}")
     return [known[name] for name in dict.fromkeys(names)] if names else list(known.values())

@@ -86,10 +86,10 @@ def rises_from(lives: Mapping[float, Any]) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("addiction")
+    told = answers.parameters("addiction")
     found = [Part(f"scripted-{hours:g}", told, 10.0, functools.partial(scripted, hours)) for hours in SWEEP]
     for hours in (1.0, 6.0):
-        words = answers.words("addiction", hours=hours)
+        words = answers.parameters("addiction", hours=hours)
         found += [
             Part(f"learned-{hours:g}-seed-{s}", words, 20.0, functools.partial(learned, hours, s))
             for s in range(answers.SEEDS)

@@ -90,12 +90,12 @@ def learned(seed: int) -> dict[str, Any]:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("anticipation", dt=DT)
+    told = answers.parameters("anticipation", dt=DT)
     found = [
         Part(f"scripted-{shivers:d}-{ethanol:d}", told, 2.0, functools.partial(day, bool(shivers), bool(ethanol)))
         for shivers, ethanol in ((0, 1), (1, 1), (1, 0))
     ]
-    told = answers.words("anticipation", dt=DT, gamma=GAMMA)
+    told = answers.parameters("anticipation", dt=DT, gamma=GAMMA)
     return found + [Part(f"seed-{s}", told, 20.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
 
 

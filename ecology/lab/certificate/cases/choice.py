@@ -156,12 +156,12 @@ def first_rest(env: Ecology, mind: Learner, hungry: float, most: int = 12) -> fl
 
 
 def _parts() -> list[Part]:
-    told = answers.words("choice")
+    told = answers.parameters("choice")
     found = [Part(f"gamble-{x:g}", told, 1.0, functools.partial(gamble, x)) for x in OTHER]
     found += [Part(f"deprivation-{m2:g}", told, 1.0, functools.partial(preferences, 0.02, m2)) for m2 in (0.02, 0.04)]
     found += [Part("dose", told, 1.0, meals)]
     found += [Part(f"spread-{n:.3g}", told, 2.0, functools.partial(_spread_bounded, n)) for n in POWERS]
-    told = answers.words("choice", ticks=LIVED)
+    told = answers.parameters("choice", ticks=LIVED)
     return found + [Part(f"seed-{s}", told, 20.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
 
 

@@ -16,7 +16,7 @@ POOL, GROWTH, APPETITE = 100.0, 0.02, 0.1  # E0, delta per tick, q per tick: sus
 
 
 def _pool_left(n: int, ticks: int = 500) -> float:
-    """Return what share of the pool of `commons` is left by n who stand in it and eat q in every tick."""
+    """Return the share of the pool of `commons` that is left by n agents that stand in it and eat q in every tick."""
     settings = {"n": n, "growth": GROWTH, "capacity": POOL, "appetite": APPETITE, "decay": APPETITE}
     env = Ecology(scenarios.load("commons", **settings))
     env.reset_arrays(0)

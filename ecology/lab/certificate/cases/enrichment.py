@@ -74,7 +74,7 @@ def frequency(capacity: float, growth: float = GROWTH) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("enrichment", growth=GROWTH, scale=SCALE, dt=DT, ticks=TICKS)
+    told = answers.parameters("enrichment", growth=GROWTH, scale=SCALE, dt=DT, ticks=TICKS)
     return [
         Part(f"scripted-{k:g}-{seed}", told, 8.0, functools.partial(scripted, k, seed))
         for k in CAPACITIES

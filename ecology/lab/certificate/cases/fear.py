@@ -24,7 +24,7 @@ def _scared(wound: float, seed: int) -> dict[str, Any]:
 
 
 def _parts() -> list[Part]:
-    words = answers.words("predator_prey", ticks=TICKS)
+    words = answers.parameters("predator_prey", ticks=TICKS)
     return [
         Part(f"{wound:g}-seed-{s}", words, 300.0, functools.partial(_scared, wound, s))
         for wound in WOUNDS

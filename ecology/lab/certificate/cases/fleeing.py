@@ -14,7 +14,7 @@ ORDER = 12
 
 
 def _parts() -> list[Part]:
-    told = answers.words("predator_prey", ticks=10_000)
+    told = answers.parameters("predator_prey", ticks=10_000)
     return [Part(f"seed-{s}", told, 12.0, functools.partial(pays, s)) for s in range(SEEDS)]
 
 

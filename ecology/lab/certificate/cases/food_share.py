@@ -36,7 +36,7 @@ def _scripted_parts() -> list[Part]:
 
 
 def _scripted_rows(done: Mapping[str, Any]) -> list[Row]:
-    """Return what the scripted policies came to."""
+    """Return the results of the scripted policies."""
     found = []
     if "scripted-eats" in done:
         found.append(Row("ticks lived, always eating, 1,000 lives", done["scripted-eats"], closed=14.5))

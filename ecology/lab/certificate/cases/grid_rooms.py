@@ -18,7 +18,7 @@ ALONE = 1.0 / LOSS + 0.5  # mean of floor((1 + e) / LOSS) + 1 over e uniform abo
 
 
 def feeds_itself(env: Ecology) -> Ints:
-    """Return what keeps one's own energy near the set point and nobody else's (grid_rooms)."""
+    """Return the policy that keeps the agent's own energy near the set point, not its partner's (grid_rooms)."""
     group = env.groups["possessor"]
     x, carried = env.state_view.internal[group.slots].T
     rest_, left, get, eat = (group.actions.index(name) for name in ("rest", "left", "get", "eat"))
@@ -32,7 +32,7 @@ def _scripted_parts() -> list[Part]:
 
 
 def _scripted_rows(done: Mapping[str, Any]) -> list[Row]:
-    """Return what the scripted policies came to."""
+    """Return the results of the scripted policies."""
     if "scripted-alone" not in done:
         return []
     return [Row("ticks lived, feeding itself alone, 200 lives", done["scripted-alone"], closed=ALONE)]

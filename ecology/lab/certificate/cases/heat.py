@@ -95,10 +95,10 @@ def _begins(path: np.ndarray) -> float:
 
 def _parts() -> list[Part]:
     found = [
-        Part(f"ahead-{k}", answers.words("heat", ahead=k, load=LOAD), 1.0, functools.partial(scripted, k))
+        Part(f"ahead-{k}", answers.parameters("heat", ahead=k, load=LOAD), 1.0, functools.partial(scripted, k))
         for k in AHEAD
     ]
-    told = answers.words("heat", ticks=TRAINED, gap=GAP)
+    told = answers.parameters("heat", ticks=TRAINED, gap=GAP)
     return found + [Part(f"seed-{s}", told, 25.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
 
 

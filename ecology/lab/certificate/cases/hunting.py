@@ -54,11 +54,11 @@ def fit(rates: Mapping[float, float]) -> tuple[float, float]:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("hunting", handling=HANDLING, hunters=HUNTERS, ticks=TICKS)
+    told = answers.parameters("hunting", handling=HANDLING, hunters=HUNTERS, ticks=TICKS)
     found = []
     for seed in range(4):
         found += [Part(f"scripted-{d:g}-{seed}", told, 3.0, functools.partial(scripted, d, seed)) for d in DENSITIES]
-    told = answers.words("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
+    told = answers.parameters("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
     for seed in range(answers.SEEDS):
         found += [Part(f"learned-{d:g}-{seed}", told, 5.0, functools.partial(learned, d, seed)) for d in AMONG]
     return found

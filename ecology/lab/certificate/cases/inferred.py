@@ -100,12 +100,12 @@ def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarr
 
 
 def _parts() -> list[Part]:
-    told = answers.words("inferred", noise=NOISE)
+    told = answers.parameters("inferred", noise=NOISE)
     found = [
         Part(f"scripted-{name}", told, 10.0, functools.partial(scripted, inferring))
         for name, inferring in (("told", False), ("signs", True))
     ]
-    told = answers.words("inferred", noise=NOISE, weight=WEIGHT, ticks=TRAINED)
+    told = answers.parameters("inferred", noise=NOISE, weight=WEIGHT, ticks=TRAINED)
     return found + [
         Part(f"{kind}-seed-{s}", told, 15.0, functools.partial(learned, kind, s))
         for s in range(answers.SEEDS)

@@ -68,14 +68,14 @@ def threshold(shares: Mapping[float, float]) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("kin", groups=GROUPS, generations=GENERATIONS)
+    told = answers.parameters("kin", groups=GROUPS, generations=GENERATIONS)
     found = [
         Part(f"fixed-{cost:g}-{r:g}-{seed}", told, 1.5, functools.partial(evolve, r, cost, seed))
         for cost in COSTS
         for r in (RELATED if cost else (0.0,))
         for seed in range(SEEDS)
     ]
-    told = answers.words("kin", groups=GROUPS, generations=LONGER)
+    told = answers.parameters("kin", groups=GROUPS, generations=LONGER)
     return found + [
         Part(f"varied-{r:g}-{seed}", told, 4.0, functools.partial(evolve, r, 0.5, seed, True, LONGER))
         for r in VARIED

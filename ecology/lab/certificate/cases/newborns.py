@@ -16,7 +16,7 @@ ORDER = 14
 
 
 def _parts() -> list[Part]:
-    told = answers.words("predator_prey", ticks=10_000, arrival=ARRIVAL)
+    told = answers.parameters("predator_prey", ticks=10_000, arrival=ARRIVAL)
     return [
         Part(f"{name}-seed-{s}", told, 150.0, functools.partial(newborns, s, name))
         for name in ("lean", "random")

@@ -127,14 +127,14 @@ def learned(seed: int) -> dict[str, float]:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("night")
+    told = answers.parameters("night")
     found = [Part(f"sleep-{swing:g}", told, 2.0, functools.partial(sleeps, swing)) for swing in (0.0, SWING)]
     for start in STARTS:
         found += [
             Part(f"budget-{start:g}-{meal}", told, 1.0, functools.partial(_survives, start, meal))
             for meal in ("steady", "patchy")
         ]
-    told = answers.words("night", ticks=LIVED)
+    told = answers.parameters("night", ticks=LIVED)
     return found + [Part(f"seed-{s}", told, 10.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
 
 

@@ -120,12 +120,12 @@ def learned(travel: float, seed: int) -> dict[str, float]:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("patches", rate=RATE)
+    told = answers.parameters("patches", rate=RATE)
     found = [Part(f"scripted-{t}", told, 2.0, functools.partial(scripted, t)) for t in TRAVELS]
     found += [
         Part(f"fixed-20-{stay}", told, 1.0, functools.partial(_fixed, 20, stay)) for stay in (8, 15, 19, 23, 27, 34, 50)
     ]
-    told = answers.words("patches", rate=RATE, gamma=GAMMA, ticks=LIVED)
+    told = answers.parameters("patches", rate=RATE, gamma=GAMMA, ticks=LIVED)
     for t in ASKED:
         found += [
             Part(f"learned-{t}-{seed}", told, 8.0, functools.partial(learned, t, seed)) for seed in range(answers.SEEDS)

@@ -30,7 +30,7 @@ def forages(env: Ecology) -> Ints:
 
 
 def rescues(env: Ecology) -> Ints:
-    """Return the same, but who holds food brings it to a partner that is trapped and holds none (trap)."""
+    """Return the same, but an agent that holds food brings it to a partner that is trapped and has none (trap)."""
     return _trap(env, helps_=True)
 
 
@@ -60,7 +60,7 @@ def _scripted_parts() -> list[Part]:
 
 
 def _scripted_rows(done: Mapping[str, Any]) -> list[Row]:
-    """Return what the scripted policies came to."""
+    """Return the results of the scripted policies."""
     found = []
     for policy, what in (
         ("rests", "doing nothing"),

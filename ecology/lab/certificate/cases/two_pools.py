@@ -86,7 +86,7 @@ def slope_of(epsilon: float) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.words("two_pools", ticks=TICKS, agents=AGENTS)
+    told = answers.parameters("two_pools", ticks=TICKS, agents=AGENTS)
     found = []
     for epsilon in (0.0, EPSILON):
         for seed in range(3):
@@ -94,7 +94,7 @@ def _parts() -> list[Part]:
                 Part(f"scripted-{epsilon:g}-{r:g}-{seed}", told, 2.0, functools.partial(scripted, r, epsilon, seed))
                 for r in RATIOS
             ]
-    told = answers.words("two_pools", ticks=LIVED, agents=LEARNERS)
+    told = answers.parameters("two_pools", ticks=LIVED, agents=LEARNERS)
     for seed in range(answers.SEEDS):
         found += [Part(f"learned-{r:g}-{seed}", told, 5.0, functools.partial(learned, r, seed)) for r in RATIOS]
     return found

@@ -14,6 +14,7 @@ import typer
 
 from ecology.errors import EcologyError
 from ecology.lab.cli.options import (
+    NAME_OR_PATH,
     Quiet,
     Ray,
     Source,
@@ -39,7 +40,7 @@ LINE = 10.0  # seconds between two lines of progress
 class ArchipelagoOptions:
     """What `ecology archipelago` is given."""
 
-    archipelago: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None
+    archipelago: Annotated[str | None, typer.Argument(metavar="ARCHIPELAGO", help=NAME_OR_PATH)] = None
     ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.", show_default="the archipelago's")] = (
         None
     )

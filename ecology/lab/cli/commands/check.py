@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ecology import faults
-from ecology.lab.cli.options import announces_compiling
+from ecology.lab.cli.options import NAME_OR_PATH, announces_compiling
 
 ORDER = 3
 CHECKED = 200  # ticks of a life
@@ -16,7 +16,7 @@ CHECKED = 200  # ticks of a life
 
 @announces_compiling
 def command(
-    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")],
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help=NAME_OR_PATH)],
     ticks: Annotated[int, typer.Option(min=1, help="Length of each test run.")] = CHECKED,
 ) -> None:
     """Check a scenario against the contract; exit with code 1 if it fails."""
@@ -32,6 +32,6 @@ def command(
             broken += 1
             print(f"      {contract.reason(error)}")
     if broken:
-        print(f"{scenario} breaks the contract in {broken} of {len(contract.CHECKS)} points.", file=sys.stderr)
+        print(f"{scenario} fails {broken} of {len(contract.CHECKS)} checks of the contract.", file=sys.stderr)
         raise typer.Exit(1)
-    print(f"{scenario} keeps the contract, over {ticks} ticks and {len(contract.CHECKS)} points.")
+    print(f"{scenario} satisfies the contract: {len(contract.CHECKS)} checks over {ticks} ticks.")

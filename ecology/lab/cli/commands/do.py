@@ -18,7 +18,7 @@ def command(
             metavar="WHAT",
             help="Intervention: move AGENT X Y; move RESOURCE[.N] X Y; refill RESOURCE[.N] [STOCK]; "
             "empty RESOURCE[.N]; put SPECIES X Y; remove AGENT; set AGENT NEED VALUE; shift AGENT NEED SET_POINT; "
-            "empathy SPECIES WEIGHT; learning SPECIES on, or off; show CUE VALUE; change PATH NUMBER.",
+            "empathy SPECIES WEIGHT; learning SPECIES on|off; show CUE VALUE; change PATH NUMBER.",
         ),
     ],
 ) -> None:

@@ -21,7 +21,7 @@ class FilmOptions:
 
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run that has a recording.")]
     target: Annotated[
-        Path | None, typer.Argument(metavar="[OUT.gif|OUT.mp4]", help="File to write.", show_default="RUN/film.gif")
+        Path | None, typer.Argument(metavar="OUT.gif|OUT.mp4", help="File to write.", show_default="RUN/film.gif")
     ] = None
     from_: Annotated[
         int | None,

@@ -64,7 +64,7 @@ class ForkOptions:
 def command(options: ForkOptions) -> None:
     """Continue a run from a tick with one thing changed, in a folder of its own."""
 
-    from ecology.lab.cli.live import live, make_observers
+    from ecology.lab.cli.live import make_observers, run_and_report
     from ecology.lab.cli.progress import Progress
     from ecology.lab.runs import fork as forks
     from ecology.lab.runs.folder import lock
@@ -94,7 +94,7 @@ def command(options: ForkOptions) -> None:
         observers = make_observers(forked, resume=False)
         forked.start()
         stack.enter_context(lock(forked.folder))
-        live(forked, observers, quiet=quiet)
+        run_and_report(forked, observers, quiet=quiet)
 
 
 def _read_place(text: str) -> tuple[str, tuple[float, float]]:

@@ -20,7 +20,7 @@ class HelpWithComponents(typer.core.TyperCommand):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help, and below it the components."""
-        self.epilog = "\n\n".join(["The components, by NAME:", *map(escape, parts.listing())])
+        self.epilog = "\n\n".join(["The components:", *map(escape, parts.listing())])
         super().format_help(ctx, formatter)
 
 
@@ -28,7 +28,7 @@ CLASS = HelpWithComponents
 
 
 def command(
-    name: Annotated[str, typer.Argument(help="A Python identifier; NAME.py is written.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A Python identifier; NAME.py is written.")],
     with_: Annotated[
         list[str] | None,
         typer.Option("--with", metavar="COMPONENT", help="Component to add, listed below; can be repeated."),

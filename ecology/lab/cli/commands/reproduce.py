@@ -31,7 +31,7 @@ class HelpWithCases(typer.core.TyperCommand):
         from ecology.lab.certificate.cases import all_cases
 
         lines = [f"{case.name}: {case.about}" for case in all_cases().values()]
-        self.epilog = "\n\n".join(["The results, by NAME:", *map(escape, lines)])
+        self.epilog = "\n\n".join(["The cases, by NAME:", *map(escape, lines)])
         super().format_help(ctx, formatter)
 
 
@@ -42,7 +42,7 @@ CLASS = HelpWithCases
 def command(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME ...]", help="Results to reproduce, listed below.", show_default="all"),
+        typer.Argument(metavar="NAME", help="Cases to reproduce, listed below.", show_default="all"),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of the results; finished parts in it are not repeated.")] = Path(
         "runs/reproduce"

@@ -12,6 +12,7 @@ import typer
 
 from ecology.errors import EcologyError, nearest
 from ecology.lab.cli.options import (
+    NAME_OR_PATH,
     RECORD,
     Device,
     Port,
@@ -37,7 +38,7 @@ ORDER = 4
 class RunOptions:
     """What `ecology run` is given."""
 
-    scenario: Annotated[str | None, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")] = None
+    scenario: Annotated[str | None, typer.Argument(metavar="SCENARIO", help=NAME_OR_PATH)] = None
     ticks: Annotated[int | None, typer.Option(min=1, help="Length of the run.", show_default="the scenario's")] = None
     seed: Annotated[int | None, typer.Option(min=0, help="Random seed.", show_default="0")] = None
     learner: Annotated[
@@ -93,7 +94,7 @@ class RunOptions:
 def command(options: RunOptions) -> None:
     """Run a scenario and write one folder: config, summary, metrics, recording, checkpoint."""
     _check(options)
-    from ecology.lab.cli.live import Watching, live, make_observers
+    from ecology.lab.cli.live import Watching, make_observers, run_and_report
     from ecology.lab.runs.folder import lock
 
     resume, quiet = options.resume, options.quiet
@@ -113,7 +114,7 @@ def command(options: RunOptions) -> None:
         if resume is None:
             it.start()
             stack.enter_context(lock(it.folder))
-        live(it, observers, quiet=quiet)
+        run_and_report(it, observers, quiet=quiet)
 
 
 def _check(options: RunOptions) -> None:

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from ecology.errors import EcologyError, writable
 from ecology.lab.cli.options import (
+    NAME_OR_PATH,
     Device,
     Quiet,
     Ray,
@@ -39,7 +40,7 @@ ORDER = 7
 class SweepOptions:
     """What `ecology sweep` is given."""
 
-    scenario: Annotated[str, typer.Argument(help="A name of `ecology list`, or a path to a .py file.")]
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help=NAME_OR_PATH)]
     seeds: Annotated[
         str, typer.Option(metavar="FIRST:END", help="Seeds to run, END excluded; lists such as 1,4,9:12 work too.")
     ] = "0:8"
