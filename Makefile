@@ -1,4 +1,4 @@
-# Everything lives in .venv: the packages of constraints.txt and the project itself.
+# Everything lives in .venv: the packages of constraints.txt and the project itself. Python compiles what it imports.
 # Another Python: make PYTHON=python3.12 install
 PYTHON ?= python3
 PIP_FLAGS ?=
@@ -14,7 +14,7 @@ install: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 install")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet $(PIP_FLAGS) -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install --quiet --no-compile $(PIP_FLAGS) -c constraints.txt -e '.[dev]'
 	@touch $@
 
 # run once; a run that was stopped goes on where it stopped

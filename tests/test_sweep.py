@@ -28,9 +28,12 @@ WORLD = """
 import os, pathlib, signal, sys
 from ecology import Arena, EcologyError, Need, Resource, Scenario, Species, consume, rest
 
-def build(decay=0.01, kills=0, orphaned=0, refuses=False, pairs=(1, 2), ticks=60):
+def build(decay=0.01, kills=0, orphaned=0, refuses=False, pairs=(1, 2), ticks=60, evaluated=0):
     here = pathlib.Path(__file__).parent
     if "ecology.lab.cli.worker" in sys.orig_argv:  # in the process of a run, not in the sweep's own
+        if evaluated:
+            worker = sys.modules["__main__"]
+            worker.EVALUATED, worker.SKIPPED = evaluated, evaluated // 10
         folder = pathlib.Path(sys.orig_argv[-1])
         with open(here / "attempts", "a") as file:
             file.write(f"{folder.name}\\n")
@@ -195,16 +198,18 @@ def test_a_finished_run_is_never_run_twice(sweep: Sweep, quick: list[str]) -> No
 @pytest.mark.one_seed("runs of a sweep are lived by other processes")
 def test_what_was_learned_is_measured_after_the_run(sweep: Sweep, quick_evaluation: None) -> None:
     """With --evaluate the table holds the drive that `ecology evaluate` finds; what is lived is not lived again."""
-    assert sweep("--seeds", "0")[0] == 0
+    words = ("--set", "evaluated=400")
+    assert sweep(*words, "--seeds", "0")[0] == 0
     lived = rows()
-    code, out, err = sweep("--seeds", "0,4", "--evaluate")
+    code, out, err = sweep(*words, "--seeds", "0,4", "--evaluate")
     assert code == 0, err
     assert "learned drive" in out
     table = rows()
     assert {key: table[key][:1] for key in lived} == lived  # its seconds too
+    run = Path("out/runs/evaluated=400_seed=4")
     with pytest.raises(SystemExit, match="0"):
-        main(["evaluate", "out/runs/seed=4", "--places", "1", "--quiet"])
-    told = json.loads(Path("out/runs/seed=4/evaluation.json").read_text())
+        main(["evaluate", str(run), "--ticks", "400", "--places", "1", "--quiet"])
+    told = json.loads((run / "evaluation.json").read_text())
     assert table["learned_drive"][1] == pytest.approx(told["mean_drive"]["learned"]["mean"])
     assert table["learned_drive"][0] != table["learned_drive"][1]
 
