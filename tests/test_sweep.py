@@ -206,7 +206,7 @@ def test_what_was_learned_is_measured_after_the_run(sweep: Sweep, quick_evaluati
     assert "learned drive" in out
     table = rows()
     assert {key: table[key][:1] for key in lived} == lived  # its seconds too
-    run = Path("out/runs/evaluated=400_seed=4")
+    run = Path("out/runs/seed=4")
     with pytest.raises(SystemExit, match="0"):
         main(["evaluate", str(run), "--ticks", "400", "--places", "1", "--quiet"])
     told = json.loads((run / "evaluation.json").read_text())
