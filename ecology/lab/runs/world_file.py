@@ -74,10 +74,10 @@ def _decoded(kind: Any, value: Any) -> Any:
     if origin in (Union, UnionType):
         if value is None:
             return None
-        classes: list[Any] = [part for part in parts if dataclasses.is_dataclass(part)]
+        classes = [each for part in parts for each in _classes(part)]
         if isinstance(value, dict) and classes:
             return _decoded({part.__name__: part for part in classes}[value[TYPE]], value)
-        others = [part for part in parts if part is not NoneType and part not in classes]
+        others = [part for part in parts if part is not NoneType and not _classes(part)]
         return _decoded(others[0], value) if len(others) == 1 else _plain(value)
     if dataclasses.is_dataclass(kind):
         cls: Any = kind
@@ -90,6 +90,13 @@ def _decoded(kind: Any, value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _decoded(parts[1], part) for name, part in value.items()}
     return float(value) if kind is float and isinstance(value, str) else _plain(value)
+
+
+def _classes(kind: Any) -> list[Any]:
+    """Return the dataclasses that an annotation allows: itself, or those of a base class such as `SenseSpec`."""
+    if dataclasses.is_dataclass(kind):
+        return [kind]
+    return [each for each in kind.__subclasses__() if dataclasses.is_dataclass(each)] if isinstance(kind, type) else []
 
 
 def _plain(value: Any) -> Any:
