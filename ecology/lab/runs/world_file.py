@@ -96,7 +96,8 @@ def _classes(kind: Any) -> list[Any]:
     """Return the dataclasses that an annotation allows: itself, or those of a base class such as `SenseSpec`."""
     if dataclasses.is_dataclass(kind):
         return [kind]
-    return [each for each in kind.__subclasses__() if dataclasses.is_dataclass(each)] if isinstance(kind, type) else []
+    kinds: list[Any] = type.__subclasses__(kind) if isinstance(kind, type) else []
+    return [each for each in kinds if dataclasses.is_dataclass(each)]
 
 
 def _plain(value: Any) -> Any:
