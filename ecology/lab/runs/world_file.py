@@ -74,10 +74,11 @@ def _decoded(kind: Any, value: Any) -> Any:
     if origin in (Union, UnionType):
         if value is None:
             return None
-        classes = [each for part in parts for each in _classes(part)]
+        allowed = {part: _classes(part) for part in parts}
+        classes = {each.__name__: each for found in allowed.values() for each in found}
         if isinstance(value, dict) and classes:
-            return _decoded({part.__name__: part for part in classes}[value[TYPE]], value)
-        others = [part for part in parts if part is not NoneType and not _classes(part)]
+            return _decoded(classes[value[TYPE]], value)
+        others = [part for part, found in allowed.items() if part is not NoneType and not found]
         return _decoded(others[0], value) if len(others) == 1 else _plain(value)
     if dataclasses.is_dataclass(kind):
         cls: Any = kind
