@@ -126,7 +126,7 @@ def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
 
 
 def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -> None:
-    """Raise EcologyError where a kept state, or the solver's inputs `told`, has values that no world can reach.
+    """Raise EcologyError if a snapshot's state, or the inputs `told` of its solver, has values that no world can reach.
 
     A fork may change the arena, the bounds and the stocks of a scenario under a state, so those are not compared.
     """

@@ -137,12 +137,12 @@ def the_mask_is_honoured(scenario: Scenario, ticks: int) -> None:
                 if mask[asked] or mask[rest]:
                     due = asked if mask[asked] else rest
                     require(
-                        did == due, f"{who} chooses {group.actions[asked]!r} and does {group.actions[did]!r} "
+                        did == due, f"{who} chooses {group.actions[asked]!r} and executes {group.actions[did]!r} "
                         f"instead of {group.actions[due]!r}."
                     )  # fmt: skip
                 require(
                     bool(tick.closed[slot]) == (not mask[asked]),
-                    f"{who} chooses {group.actions[asked]!r} and gets closed = {bool(tick.closed[slot])}.",
+                    f"{who} chooses {group.actions[asked]!r}, but `closed` is {bool(tick.closed[slot])}.",
                 )
             dead = ~before.alive[group.slots]
             require(
@@ -403,12 +403,13 @@ def names_never_return(scenario: Scenario, ticks: int) -> None:
         now = env.state_view
         serials = now.serial[tick.alive].tolist()
         who = f"tick {now.tick}"
-        require(len(set(serials)) == len(serials), f"{who}: two living agents have one serial.")
-        require(not over.intersection(serials), f"{who}: serials of the dead are in use, {over.intersection(serials)}.")
-        require(max(serials, default=-1) < now.next_serial, f"{who}: a serial is beyond the next, {now.next_serial}.")
+        require(len(set(serials)) == len(serials), f"{who}: two living agents share a serial.")
         require(
-            bool(free[tick.born].all()), f"{who}: an agent is born into a slot that was not free when the tick began."
+            not over.intersection(serials),
+            f"{who}: living agents have serials of dead ones, {over.intersection(serials)}.",
         )
+        require(max(serials, default=-1) < now.next_serial, f"{who}: a serial is beyond the next, {now.next_serial}.")
+        require(bool(free[tick.born].all()), f"{who}: an agent was born into a slot that was still occupied.")
         require(
             bool((tick.alive == ((before.alive & ~tick.died) | tick.born)).all()),
             f"{who}: the living are not (previously living - died + born).",

@@ -56,12 +56,8 @@ class Scenario:
     sessions: tuple[Session, ...] = ()  # trials one after the other, from time 0 on
     rule: Rule | None = None  # interactions beyond bites, gifts and crowding: a pure function of the state
     memory: Mapping[str, object] = field(default_factory=dict)  # the rule's own state at the start: numbers or arrays
-    measures: Mapping[str, Callable[[State], float]] = field(
-        default_factory=dict
-    )  # further numbers to record and plot, by name
-    props: Callable[[State], Mapping[str, Sequence[Sequence[Sequence[float]]]]] | None = (
-        None  # further lines to draw, by name
-    )
+    measures: Mapping[str, Callable[[State], float]] = field(default_factory=dict)  # to record and plot, by name
+    props: Callable[[State], Mapping[str, Sequence[Sequence[Sequence[float]]]]] | None = None  # to draw: lines by name
     sample_every: int | None = None  # ticks between two samples of a run that is recorded; the usual number for None
     until_extinct: bool = False  # whether a run ends when no agent is alive
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by the scenario file

@@ -118,9 +118,7 @@ class Need:
     adaptation: Adaptation | None = None  # how the set point moves by itself; it needs a set_range
     weight: float = 1.0  # w of the drive: how much the deviation counts
     excess: float = 1.0  # factor of w above the set point
-    feeds: Mapping[str, float] = field(
-        default_factory=dict
-    )  # need -> units it gets per unit that leaks out of this one
+    feeds: Mapping[str, float] = field(default_factory=dict)  # need -> units it gets per unit that leaks from this one
 
     def __post_init__(self) -> None:
         typed.check(self)
@@ -1201,9 +1199,7 @@ class Species:
     exposures: tuple[Exposure, ...] = ()  # what fields do to it
     position: tuple[float, float] | None = None  # at birth; random in the arena when None
     heading: float | None = None  # at birth, radians; random when None
-    collapse: Mapping[str, float] = field(
-        default_factory=dict
-    )  # need -> level from which sleep is the only open action
+    collapse: Mapping[str, float] = field(default_factory=dict)  # need -> level from which only sleep is open
     commitment: Commitment = "free"  # whether a go_to may be abandoned before it arrives
     traits: tuple[Trait, ...] = ()  # numbers that children inherit from their parents
     stages: tuple[Stage, ...] = ()  # of life, the first from age 0 on; none: all ages are alike
