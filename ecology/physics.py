@@ -36,7 +36,7 @@ NOWHERE = np.empty((0, 2))
 BENDS, ASIDE = 4, 0.5
 MOVE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 COMMAND = MOVE | pymunk.batch.BodyFields.FORCE
-SOLVER = ("space", "shapes", "_buffer", "_command", "_step")  # attributes that a copy builds anew
+SOLVER = ("space", "shapes", "_buffer", "_command", "_step")  # attributes that exist once bodies have moved
 
 
 class Physics:
@@ -44,7 +44,7 @@ class Physics:
 
     The solver remembers contacts from tick to tick. Every REBUILD ticks it is built anew, and what it
     was told since is kept, so that a world that is left and entered again at any tick goes on exactly.
-    A copy builds its solver when it first moves, and then repeats these ticks.
+    The solver is built, and these ticks are repeated, when bodies next move.
     """
 
     def __init__(
@@ -68,24 +68,28 @@ class Physics:
         thick = None if ground.torus else thickened(ground.polygon, WALL, ROUNDED * self.smallest)
         self._rings, self._thick = (list(ground.rings), 0.0) if thick is None else (thick, WALL)
         self.touches = not ground.torus or bool(solid.any())
-        self._build(position, alive)
+        self._start(position, alive)
 
     def resize(self, radius: Floats, position: Floats, alive: Bools) -> None:
         """Give bodies other radii (N,), where they are; if any is another, what was remembered of contacts is gone."""
         if (radius != self.radius).any():
             self.radius = radius
-            self._build(position, alive)
+            self._start(position, alive)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the solver, which can be neither copied nor pickled."""
         return {name: value for name, value in self.__dict__.items() if name not in SOLVER}
 
-    def _build(self, position: Floats, alive: Bools) -> None:
+    def _start(self, position: Floats, alive: Bools) -> None:
+        """Drop the solver and its contacts; the next one starts with the bodies here."""
         self.told: list[tuple[Floats, Floats, Bools]] = []  # position, velocity, alive of the ticks since
-        self._built = position.copy(), alive.copy()
+        self._started = position.copy(), alive.copy()
         self._alive = alive.copy()
-        if not self.touches:
-            return
+        for name in SOLVER:
+            self.__dict__.pop(name, None)
+
+    def _build(self) -> None:
+        position, self._alive = self._started
         self.space = pymunk.Space()
         self._step = 0.0  # duration for which the space is set up
         self.space.damping = 0.0  # a body without a command does not glide
@@ -106,7 +110,7 @@ class Physics:
         self._rows = self.count + (not self.ground.torus)
         self._command = np.zeros((self._rows, 6))
         self._buffer = pymunk.batch.Buffer()
-        self._touch(np.arange(self.count), alive)
+        self._touch(np.arange(self.count), self._alive)
 
     def _touch(self, slots: np.ndarray, alive: Bools) -> None:
         """Let the bodies of `slots` collide where `alive` (len(slots),), and pass through all else."""
@@ -126,9 +130,11 @@ class Physics:
             return self.plane.home(position + velocity * dt), 0
         alive = self._alive if alive is None else alive
         if len(self.told) == REBUILD:
-            self._build(position, alive)
-        elif "space" not in self.__dict__:
-            self._rebuild(dt)
+            self._start(position, alive)
+        if "space" not in self.__dict__:
+            self._build()
+            for tick in self.told:
+                self._solve(*tick, dt)
         self.told.append((position, velocity, alive))
         after, held = self._solve(position, velocity, alive, dt)
         return self.plane.home(after), held
@@ -167,23 +173,12 @@ class Physics:
             "told_alive": np.array([a for _, _, a in told], bool).reshape(-1, n),
         }
 
-    def remember(self, memory: Mapping[str, np.ndarray], dt: float) -> None:
-        """Go through what `memory` returned again, so that the solver's contacts are what they were."""
+    def remember(self, memory: Mapping[str, np.ndarray]) -> None:
+        """Go through what `memory` returned again before the next move, so that contacts are what they were."""
         ticks = list(zip(*(memory[f"told_{word}"] for word in ("position", "velocity", "alive")), strict=True))
         if ticks and self.touches:
-            self._build(ticks[0][0], ticks[0][2])
-            self._repeat(ticks, dt)
-
-    def _rebuild(self, dt: float) -> None:
-        """Build the solver of a copy as that of the original was, with the contacts that it had."""
-        ticks = self.told
-        self._build(*self._built)
-        self._repeat(ticks, dt)
-
-    def _repeat(self, ticks: list[tuple[Floats, Floats, Bools]], dt: float) -> None:
-        for position, velocity, alive in ticks:
-            self.told.append((position, velocity, alive))
-            self._solve(position, velocity, alive, dt)
+            self._start(ticks[0][0], ticks[0][2])
+            self.told, self._alive = ticks, ticks[-1][2]
 
 
 # ---- compiled loops ----------------------------------------------------------------------------

@@ -235,7 +235,7 @@ class ArrayWorld:
         self._touch(state)
 
     def _touch(self, state: State) -> None:
-        """Build the solver for the bodies where they are."""
+        """Take a new solver for the bodies where they are."""
         model = self.model
         radius, least = life_stages.radii(model, state), None
         if radius is not model.radius:
@@ -421,7 +421,7 @@ class ArrayWorld:
             fresh._fit(state)
         elif fresh.model.stages is not None:
             fresh._touch(state)
-        fresh._physics.remember(arrays, self.model.dt)
+        fresh._physics.remember(arrays)
         self.reweighed = dict(values.get("reweighed", {}))
         self.model, self.changes = fresh.model, fresh.changes
         self.seed, self._rng, self.lesion_order, self._physics = (
