@@ -32,6 +32,7 @@ from ecology.spec import (
     Species,
     Trace,
     require,
+    require_known,
 )
 from ecology.state import State
 
@@ -196,19 +197,20 @@ class Scenario:
         givers = [*(r.name for r in self.resources), *(s.name for s in self.species)]
         for each in self.fields:
             for name in each.sources:
-                require(
-                    name in givers,
-                    f"field {each.name!r}: its sources name {name!r}, which is neither a resource nor a species. "
-                    f"{nearest(name, givers)}",
+                require_known(
+                    name,
+                    givers,
+                    f"field {each.name!r}: its sources name {name!r}, which is neither a resource nor a species.",
                 )
         for species in self.species:
             mentions = [("an exposure", e.field) for e in species.exposures]
             mentions += [("a gauge", sense.field) for sense in species.senses if isinstance(sense, Gauge)]
             for word, name in mentions:
-                require(
-                    name in known,
-                    f"species {species.name!r}: {word} names the field {name!r}. "
-                    + (nearest(name, known) if known else "The scenario has no fields; give Scenario(fields=...)."),
+                require_known(
+                    name,
+                    known,
+                    f"species {species.name!r}: {word} names the field {name!r}.",
+                    "The scenario has no fields; give Scenario(fields=...).",
                 )
 
     def _check_species(self, species: Species) -> None:
@@ -216,7 +218,7 @@ class Scenario:
         resources = [resource.name for resource in self.resources]
         self._check_actions(owner, species)
         for name in species.carries:
-            require(name in resources, f"{owner}: carries names the resource {name!r}. {nearest(name, resources)}")
+            require_known(name, resources, f"{owner}: carries names the resource {name!r}.")
         for sense in species.senses:
             if not isinstance(sense, str):
                 require(
@@ -229,10 +231,10 @@ class Scenario:
                 raise EcologyError(f"{owner}: unknown sense {sense!r}. {nearest(sense, SENSES)}")
             SENSES[sense].check(owner, self.day)
         for name in species.sees:
-            require(name in resources, f"{owner}: sees names the resource {name!r}. {nearest(name, resources)}")
+            require_known(name, resources, f"{owner}: sees names the resource {name!r}.")
         for name in species.cues:
             cues = [cue.name for cue in self.cues]
-            require(name in cues, f"{owner}: it senses the cue {name!r}. {nearest(name, cues)}")
+            require_known(name, cues, f"{owner}: it senses the cue {name!r}.")
         heredity.check(species)
         for need in species.needs:
             leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
@@ -269,16 +271,13 @@ class Scenario:
                 f"{self.dt!r}, and a tick moves a body by at most {FARTHEST} radii ({FARTHEST * least:g}); "
                 "lower the speed or dt, or widen the body.",
             )
-            require(
-                action.resource is None or action.resource in resources,
-                f"{owner}: action {action.name!r} names the resource {action.resource!r}. "
-                f"{nearest(str(action.resource), resources)}",
+            require_known(
+                action.resource,
+                resources,
+                f"{owner}: action {action.name!r} names the resource {action.resource!r}.",
             )
             for name in (action.into, action.resource if action.kind in ("take", "drop") else None):
-                require(
-                    name is None or name in resources,
-                    f"{owner}: action {action.name!r} names the resource {name!r}. {nearest(str(name), resources)}",
-                )
+                require_known(name, resources, f"{owner}: action {action.name!r} names the resource {name!r}.")
             require(
                 action.kind not in ("take", "drop") or action.resource in species.carries,
                 f"{owner}: action {action.name!r} hauls {action.resource!r}, which the species does not carry; give it "
@@ -290,10 +289,10 @@ class Scenario:
                 "because it raises no need that can lie below its set point; give such an intake, or leave the "
                 "stock unlimited.",
             )
-            require(
-                action.cue is None or action.cue in [cue.name for cue in self.cues],
-                f"{owner}: action {action.name!r} waits for the cue {action.cue!r}. "
-                f"{nearest(str(action.cue), [cue.name for cue in self.cues])}",
+            require_known(
+                action.cue,
+                [cue.name for cue in self.cues],
+                f"{owner}: action {action.name!r} waits for the cue {action.cue!r}.",
             )
             require(
                 not action.by_stock or all(math.isfinite(r.most) for r in self.resources if r.name == action.resource),
@@ -336,10 +335,10 @@ class Scenario:
         for word, names, meant in mentions:
             needs = [need.name for need in meant.needs]
             for name in names:
-                require(
-                    name in needs,
-                    f"{owner}: {word} names the need {name!r}, which the species {meant.name!r} does not have. "
-                    f"{nearest(name, needs)}",
+                require_known(
+                    name,
+                    needs,
+                    f"{owner}: {word} names the need {name!r}, which the species {meant.name!r} does not have.",
                 )
 
     def _check_others(self, species: Species) -> None:
@@ -351,7 +350,7 @@ class Scenario:
         mentions += [("empathy", name) for name in (empathy.species if empathy is not None else ())]
         mentions += [("crowding", name) for name in (species.crowding.species if species.crowding is not None else ())]
         for word, name in mentions:
-            require(name in names, f"{owner}: {word} names the species {name!r}. {nearest(str(name), names)}")
+            require_known(name, names, f"{owner}: {word} names the species {name!r}.")
         if birth is not None:
             low = {need.name: need.low for need in species.needs}
             for name, cost in birth.cost.items():
@@ -379,7 +378,7 @@ class Scenario:
             )
             known = {need.name for s in (*others, species) for need in s.needs}
             for name in empathy.needs:
-                require(name in known, f"{owner}: its empathy names the need {name!r}. {nearest(name, known)}")
+                require_known(name, known, f"{owner}: its empathy names the need {name!r}.")
             felt = sum(s.slots for s in others)
             require(
                 empathy.lesion != "shuffled" or felt >= 3,
@@ -392,25 +391,23 @@ class Scenario:
         mentions = [("a trace", sense.of) for sense in species.senses if isinstance(sense, Trace)]
         mentions += [("a fault", fault.of) for fault in species.faults]
         for word, name in mentions:
-            require(
-                name in components,
-                f"{owner}: {word} names {name!r}, which is none of the components of its zeta. "
-                f"{nearest(name, components)}",
+            require_known(
+                name,
+                components,
+                f"{owner}: {word} names {name!r}, which is none of the components of its zeta.",
             )
         for sense in species.senses:
             if isinstance(sense, Hearing):
-                require(
-                    sense.channel in channels,
-                    f"{owner}: it listens to the channel {sense.channel!r}, on which no action sends. "
-                    + (nearest(sense.channel, channels) if channels else "Give an action emits={channel: content}."),
+                require_known(
+                    sense.channel,
+                    channels,
+                    f"{owner}: it listens to the channel {sense.channel!r}, on which no action sends.",
+                    "Give an action emits={channel: content}.",
                 )
 
     def _check_remains(self, owner: str, species: Species, remains: Remains) -> None:
         known = {r.name: r for r in self.resources}
-        require(
-            remains.resource in known,
-            f"{owner}: its remains name the resource {remains.resource!r}. {nearest(remains.resource, known)}",
-        )
+        require_known(remains.resource, known, f"{owner}: its remains name the resource {remains.resource!r}.")
         require(
             known[remains.resource].gone_below is not None,
             f"{owner}: its remains are patches of {remains.resource!r}, which must come and go; give that resource "

@@ -7,7 +7,7 @@ Each word checks itself; `scenario.Scenario` checks that the words fit together.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from dataclasses import field as _field  # where a field of a word is called so
 from typing import Literal
@@ -25,6 +25,12 @@ def require(rule: bool, message: str) -> None:
     """Raise EcologyError(message) unless `rule` holds."""
     if not rule:
         raise EcologyError(message)
+
+
+def require_known(name: str | None, known: Collection[str], message: str, without: str | None = None) -> None:
+    """Raise EcologyError(message), with the nearest words or with what to do `without` any, unless `name` is known."""
+    if name is not None and name not in known:
+        raise EcologyError(f"{message} {without if without and not known else nearest(name, known)}")
 
 
 def _words(owner: str, name: str) -> None:
@@ -1278,10 +1284,10 @@ class Species:
         able = [action.name for action in self.actions if action.kind != "rest"]
         for stage in self.stages:
             for name in stage.cannot:
-                require(
-                    name in able,
-                    f"{owner}: the stage {stage.name!r} cannot {name!r}, which is no action but rest. "
-                    f"{nearest(name, able)}",
+                require_known(
+                    name,
+                    able,
+                    f"{owner}: the stage {stage.name!r} cannot {name!r}, which is no action but rest.",
                 )
 
     @property

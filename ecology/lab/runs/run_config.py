@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import importlib.metadata
 import json
@@ -321,15 +322,17 @@ def _check_device(device: str, learners: Iterable[str]) -> None:
 
 def world_digest(world: Scenario) -> str:
     """Return a digest of all that a scenario says of its world, whatever the length of the run."""
-    shown: dict[str, Any] = {"props": None, "sample_every": None, "until_extinct": False}
-    words = words_of(dataclasses.replace(world, ticks=1, settings={}, **shown))
+    words = words_of(world, ticks=1, settings={}, props=None, sample_every=None, until_extinct=False)
     return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
 
 
-def words_of(value: Any) -> Any:
-    """Return frozen words as JSON holds them: the same in every process, whatever the order of a mapping."""
+def words_of(value: Any, **changes: Any) -> Any:
+    """Return frozen words as JSON holds them: the same in every process, whatever the order of a mapping.
+
+    `changes` are values of fields of `value` that are taken instead of its own.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        words = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        words = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)} | changes
         later = LATER.get(type(value).__name__, {})
         return {name: words_of(each) for name, each in words.items() if name not in later or each != later[name]}
     if isinstance(value, Mapping):
@@ -345,6 +348,7 @@ def words_of(value: Any) -> Any:
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value)).replace("ecology.scenarios._loaded_", "scenarios._loaded_")
 
 
+@functools.cache  # reads the metadata of some twenty packages
 def versions() -> dict[str, str]:
     """Return the versions of the project and of what it depends on, as installed."""
     found = {"ecology": ecology.__version__}
