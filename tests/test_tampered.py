@@ -20,7 +20,8 @@ from ecology.lab.runs.run_config import resolve
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run with births, deaths and learners that learn."""
     out = tmp_path_factory.mktemp("tampered") / "run"
-    plan = resolve("predator_prey", learners=["lean", "predator=greedy"], ticks=60, record=False)
+    small = {"prey.learner.memory": 200, "prey.learner.place_cells": 20}
+    plan = resolve("predator_prey", learners=["lean", "predator=greedy"], changes=small, ticks=60, record=False)
     run = Run(plan, out)
     run.start()
     run.live()
@@ -123,7 +124,7 @@ def test_what_was_not_tampered_with_is_restored(run: Path) -> None:
 )
 def test_links_are_not_followed(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What a link in a run folder leads to stays as it is: files and folders."""
-    plan = resolve("seasons", learners=["random"], ticks=20, record=True)
+    plan = resolve("seasons", learners=["random"], ticks=20, record=False)
     run, away = Run(plan, tmp_path / "run"), tmp_path / "away"
     run.start()
     run.live()

@@ -93,8 +93,11 @@ LIVING_ON = (
 )
 
 
-@pytest.mark.parametrize("words", LIVING_ON, ids=lambda words: f"{words[0]} {words[1]}")
-@pytest.mark.parametrize("place", ["in place", "current", "kept"])
+@pytest.mark.parametrize(
+    ("words", "place"),
+    [*((words, "in place") for words in LIVING_ON), (LIVING_ON[1], "current"), (LIVING_ON[2], "kept")],
+    ids=lambda of: of if isinstance(of, str) else f"{of[0]} {of[1]}",
+)
 def test_what_lives_on_asks_first(
     stranger: Command, words: tuple[str, ...], place: str, quick_evaluation: None
 ) -> None:
