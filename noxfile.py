@@ -31,9 +31,10 @@ def install(session: nox.Session, constraints: list[str]) -> None:
 
 def run_tests(session: nox.Session, *options: str, **variables: str | None) -> None:
     """Run the tests that were named after `--`, or all, with environment `variables`."""
-    cache = {"NUMBA_CACHE_DIR": str(Path(session.create_tmp()) / "numba")}  # of this session alone
+    numba = str(Path(session.create_tmp()) / "numba")  # of this session alone
+    own = {"NUMBA_CACHE_DIR": numba, "PYTHONDONTWRITEBYTECODE": None}
     parallel = ("-n", "auto", "--dist", "loadfile")
-    session.run("pytest", *parallel, *options, *session.posargs, env={**cache, **variables})
+    session.run("pytest", *parallel, *options, *session.posargs, env={**own, **variables})
 
 
 @nox.session

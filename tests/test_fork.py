@@ -55,7 +55,7 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with crowd.py and ./run, which has lived 120 ticks, states kept at 40, 80 and 120."""
     folder = tmp_path_factory.mktemp("lived")
     (folder / "crowd.py").write_text(CROWD)
-    with contextlib.chdir(folder), pytest.raises(SystemExit, match="^0$"):
+    with contextlib.chdir(folder), pytest.raises(SystemExit, match=r"^0$"):
         main(["run", "crowd.py", "--keep-every", "40", "--out", "run", "--no-record", "--quiet"])
     return folder
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from ecology import EcologyError, scenarios
+from ecology.lab.cli import main
 from ecology.lab.runs.run_config import words_of
 
 WORLD = """
@@ -32,23 +34,28 @@ def build(decay=0.01, ticks=20):
 """
 
 
-def run_command(folder: Path, *words: str) -> int:
-    """Run `ecology WORDS` in a folder and return how often its world.py was run."""
-    (folder / "loaded").unlink(missing_ok=True)
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "ecology", *words], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return len((folder / "loaded").read_text().split())
+@pytest.fixture
+def loads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """Return how often `ecology WORDS`, in a folder with world.py, runs that file; as a new process would."""
+    monkeypatch.chdir(tmp_path)
+    Path("world.py").write_text(WORLD)
+
+    def command(*words: str) -> int:
+        Path("loaded").unlink(missing_ok=True)
+        scenarios._loaded.clear()
+        with pytest.raises(SystemExit, match=r"^0$"):
+            main([*words, "--quiet"])
+        return len(Path("loaded").read_text().split())
+
+    return command
 
 
-def test_a_command_runs_a_scenario_file_once_per_process(tmp_path: Path) -> None:
+def test_a_command_runs_a_scenario_file_once_per_process(loads: Callable[..., int], quick_evaluation: None) -> None:
     """`run`, `evaluate` and `fork` are one process; a sweep is one more than its runs."""
-    (tmp_path / "world.py").write_text(WORLD)
-    assert run_command(tmp_path, "run", "world.py", "--out", "run", "--no-record", "--quiet") == 1
-    assert run_command(tmp_path, "evaluate", "run", "--ticks", "20", "--places", "1", "--quiet") == 1
-    assert run_command(tmp_path, "fork", "run", "--at", "10", "--out", "forked", "--quiet") == 1
-    assert run_command(tmp_path, "sweep", "world.py", "--seeds", "0:2", "--out", "sweep", "--quiet") == 3
+    assert loads("run", "world.py", "--out", "run", "--no-record") == 1
+    assert loads("evaluate", "run", "--ticks", "20", "--places", "1") == 1
+    assert loads("fork", "run", "--at", "10", "--out", "forked") == 1
+    assert loads("sweep", "world.py", "--seeds", "0:2", "--out", "sweep") == 3
 
 
 def test_a_file_is_run_again_after_it_has_changed(tmp_path: Path) -> None:

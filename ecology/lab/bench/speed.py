@@ -254,14 +254,15 @@ def measure(
     """Return a row for every window of every point, and the versions of all that took part."""
     rows: list[dict[str, Any]] = []
     with contextlib.ExitStack() as stack:
-        ready, found = [], versions()
-        for point in wanted:
+        processes: dict[Point, Process] = {}
+        found = dict(versions())
+        for point in sorted(wanted, key=lambda point: point.name not in WORLDS):  # first what may not be installed
             tell(f"{point.name}, {point.agents} agents: building")
-            process = Process(point)
+            processes[point] = process = Process(point)
             stack.callback(process.end)
-            ready.append(process)
             if process.version:
                 found[point.name] = process.version
+        ready = [processes[point] for point in wanted]
         for process in ready:  # what is compiled or cached at first is not timed
             tell(f"{process.point.name}, {process.agents} agents: warming up")
             process.time(seconds, process.point.least)

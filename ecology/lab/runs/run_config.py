@@ -16,6 +16,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -349,7 +350,7 @@ def words_of(value: Any, **changes: Any) -> Any:
 
 
 @functools.cache  # reads the metadata of some twenty packages
-def versions() -> dict[str, str]:
+def versions() -> Mapping[str, str]:
     """Return the versions of the project and of what it depends on, as installed."""
     found = {"ecology": ecology.__version__}
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -357,7 +358,7 @@ def versions() -> dict[str, str]:
             name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
             if "extra ==" not in requirement:
                 found[name] = importlib.metadata.version(name)
-    return found
+    return MappingProxyType(found)
 
 
 def _toml(value: Any, where: str) -> Any:
