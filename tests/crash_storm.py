@@ -3,7 +3,8 @@
 `python crash_storm.py [KILLS] [FOLDER] [SEED]` (`make storm`): KILLS over four scenarios, 200 by default. A run lives
 in a process that is forked from this one, which has everything loaded, and is ended by SIGKILL after a time drawn
 between 0 and what the run left alone took. A run that is killed is resumed; one that comes to its end is compared,
-and another is begun. Compared are the last checkpoint, the metrics, and the ticks of all that the recording samples.
+and another is begun. Compared are the last checkpoint, the metrics, the ticks of all that the recording samples, and
+which files the folder holds.
 """
 
 from __future__ import annotations
@@ -82,6 +83,13 @@ def compare(alone: Path, folder: Path) -> None:
     samples = max(map(len, one.values()))  # what is drawn only when it changes is drawn again after a resume
     differ = sorted(name for name, ticks in one.items() if len(ticks) >= samples - 1 and ticks != other.get(name))
     assert not differ, f"recording: {differ[:5]}"
+    left = sorted(files(folder) ^ files(alone))
+    assert not left, f"files: {left[:5]}"
+
+
+def files(folder: Path) -> set[str]:
+    """Return the paths in a folder of all that it holds."""
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
 
 
 def storm(scenario: str, kills: int, out: Path, rng: np.random.Generator) -> tuple[int, int, list[str]]:
