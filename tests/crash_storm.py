@@ -3,12 +3,14 @@
 `python crash_storm.py [KILLS] [FOLDER] [SEED]` (`make storm`): KILLS over four scenarios, 200 by default. A run lives
 in a process that is forked from this one, which has everything loaded, and is ended by SIGKILL after a time drawn
 between 0 and what the run left alone took. A run that is killed is resumed; one that comes to its end is compared,
-and another is begun. Compared are the last checkpoint, the metrics, and the ticks of all that the recording samples.
+and another is begun. Compared are the last checkpoint, the metrics, the ticks of all that the recording samples, and
+which files the folder holds.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shutil
 import signal
@@ -82,6 +84,19 @@ def compare(alone: Path, folder: Path) -> None:
     samples = max(map(len, one.values()))  # what is drawn only when it changes is drawn again after a resume
     differ = sorted(name for name, ticks in one.items() if len(ticks) >= samples - 1 and ticks != other.get(name))
     assert not differ, f"recording: {differ[:5]}"
+    left = sorted(files(folder) ^ files(alone))
+    assert not left, f"files: {left[:5]}"
+
+
+def is_over(folder: Path, ticks: int) -> bool:
+    """Return whether a run has written its summary, which it does last."""
+    path = folder / "summary.json"
+    return path.exists() and json.loads(path.read_text())["ticks"] == ticks
+
+
+def files(folder: Path) -> set[str]:
+    """Return the paths in a folder of all that it holds."""
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
 
 
 def storm(scenario: str, kills: int, out: Path, rng: np.random.Generator) -> tuple[int, int, list[str]]:
@@ -99,6 +114,8 @@ def storm(scenario: str, kills: int, out: Path, rng: np.random.Generator) -> tup
         life += 1
         code = resume(folder, took * rng.random() if killed < kills else None)
         killed += code is None
+        if code is None and is_over(folder, SCENARIOS[scenario]["ticks"]):
+            code = 0  # it was killed when all was written, and there is nothing to resume
         if code not in (None, 0) or life > RESUMES + kills:
             differ.append(f"{folder}: exit code {code} at the {life}th resume")
         elif code == 0:

@@ -101,6 +101,29 @@ def test_a_run_waits_for_its_watchers(clock):
     assert impatient.hold(500) == 0
 
 
+def test_few_pages_are_listened_to(clock):
+    """However many names report, few are kept, and those that are gone make room."""
+    control = Control()
+    for number in range(10_000):
+        control.seen(f"x{number}", 0.0)
+    assert control.status()["watchers"] == controls.WATCHERS
+    clock.now += controls.GONE + 1
+    control.seen("new", 0.0)
+    assert control.status()["watchers"] == len(control._watchers) == 1
+
+
+def test_a_picture_that_goes_to_and_fro_is_not_waited_for(clock):
+    """Only a page whose picture advances beyond all that it has shown holds the run."""
+    control = Control()
+    waited = 0
+    for i in range(400):
+        control.sent(1_000)
+        control.seen("x", float(i % 2))
+        waited += control.hold(1_000) > 0
+        clock.now += 0.1
+    assert 0 < waited <= (controls.STUCK + 1) / 0.1
+
+
 def test_a_fast_run_may_be_further_ahead(clock):
     """A page may be a second behind, at the speed of the run."""
     control = Control()

@@ -6,6 +6,7 @@ import dataclasses
 import http.client
 import json
 import re
+import socket
 import threading
 import time
 import types
@@ -115,6 +116,52 @@ def test_a_page_shows_the_viewer(served, tmp_path):
     for path in ("/focus", "/../page.py", "/life.rrd/", "//etc/passwd"):
         assert ask(it, "GET", path).status == 404
     assert served(lambda click: None).token != it.token
+
+
+def is_shut(link):
+    """Return whether a page has closed a connection; what it has answered is read."""
+    link.setblocking(False)
+    try:
+        while link.recv(65_536):
+            pass
+        return True
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+def test_a_page_takes_few_connections(served, monkeypatch):
+    """Of many that say nothing, the first are kept and the others closed: files and threads are also the run's."""
+    monkeypatch.setattr(page, "CONNECTIONS", 8)
+    it = served(lambda click: None)
+    threads, until = threading.active_count(), time.monotonic() + PATIENCE
+    with contextlib.ExitStack() as stack:
+        links = [stack.enter_context(socket.create_connection(("127.0.0.1", it.port), 10)) for _ in range(40)]
+        while sum(map(is_shut, links)) < 32:
+            assert time.monotonic() < until
+            time.sleep(0.01)
+        assert threading.active_count() <= threads + 8
+        assert sum(map(is_shut, links)) == 32
+    while threading.active_count() > threads:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    assert ask(it, "GET", "/").status == 200
+
+
+@pytest.mark.parametrize("head", [b"", b"POST /focus HTTP/1.1\r\nHost: localhost\r\nContent-Length: 999\r\n\r\n"])
+def test_a_page_does_not_wait_for_a_slow_request(served, monkeypatch, head):
+    """A client that sends a byte now and then, of the head or of the body, is shut out when its time is over."""
+    monkeypatch.setattr(page, "PATIENCE", 1.0)
+    it = served(lambda click: None)
+    with socket.create_connection(("127.0.0.1", it.port), 10) as slow:
+        slow.sendall(head)
+        until = time.monotonic() + 10
+        while not is_shut(slow):
+            assert time.monotonic() < until
+            with contextlib.suppress(OSError):
+                slow.sendall(b"G")
+            time.sleep(0.2)
 
 
 def test_the_viewer_for_browsers_comes_with_rerun(tmp_path):

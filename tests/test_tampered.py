@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,7 @@ WRONG = {
     "empty counts": emptied("tally", "actions"),
     "sums nan": array("tally", "drive", NAN),
     "counts negative": array("tally", "lived", -1),
+    "more born than could be": array("tally", "births", 1_000_000, 0),
     "sums in no block": plain("tally", 3, "span"),
     "seconds": plain("tally", [1.0], "seconds"),
     "weights nan": array("learner_prey", "f", NAN, 0, 0),
@@ -143,6 +145,30 @@ def test_links_are_not_followed(name: str, tmp_path: Path, capsys: pytest.Captur
         assert f"{name}' is a link to" in capsys.readouterr().err
     assert [path.name for path in away.iterdir()] == ["file"]
     assert (away / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["world.json", "checkpoint/checkpoint.json", "recording.rrd", "summary.json", "x"])
+def test_a_pipe_is_not_waited_for(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A pipe in a run folder, which nobody writes to, is one error wherever the folder is read."""
+    run = Run(resolve("seasons", learners=["random"], ticks=10, record=False), tmp_path / "run")
+    run.start()
+    run.live()
+    (run.folder / "recording.rrd").write_bytes(b"RRF2")
+    (run.folder / name).unlink(missing_ok=True)
+    os.mkfifo(run.folder / name)
+    for words in (
+        ("run", "--resume", "run", "--ticks", "40"),
+        ("evaluate", "run"),
+        ("fork", "run", "--at", "5", "--out", "fork"),
+        ("film", "run", "film.gif"),
+        ("view", "run", "--focus", "agent_0"),
+        ("do", "run", "empty food"),
+    ):
+        command = [words[0], *(str(tmp_path / word) if word in ("run", "fork") else word for word in words[1:])]
+        with pytest.raises(SystemExit) as left:
+            main(command)
+        assert left.value.code == 2
+        assert "is neither a file nor a folder" in capsys.readouterr().err or name == "recording.rrd"
 
 
 def test_a_text_does_not_go_through_a_link(tmp_path: Path) -> None:

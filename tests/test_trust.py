@@ -119,6 +119,41 @@ def test_what_lives_on_asks_first(
     assert stranger(*[word for word in words if word not in ("--ticks", "30") or not again], *again)[0] == 0
 
 
+ISLES = """
+from pathlib import Path
+from ecology import Archipelago, Island, Migration
+
+(Path(__file__).parent / "ran").touch()
+
+def build(ticks=20):
+    going = Migration(species="agent", rate=0.01)
+    return Archipelago(name="isles", islands=(Island(scenario="world.py"),) * 2, every=10.0, migrations=(going,),
+                       ticks=ticks)
+"""
+
+
+@pytest.mark.parametrize("words", [("--resume", "run", "--ticks", "30"), ("--fork", "run", "--at", "10")])
+def test_an_archipelago_asks_first(
+    ecology: Command, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Neither its file nor the scenarios of its islands are run unasked; with --trust all are named and run."""
+    Path("theirs").mkdir()
+    for name, text in (("world", CODE), ("beside", "COUNT = 2"), ("isles", ISLES)):
+        Path(f"theirs/{name}.py").write_text(text)
+    told = ("--workers", "1", "--keep-every", "10", "--no-record", "--quiet")
+    assert ecology("archipelago", "theirs/isles.py", "--out", "run", *told)[0] == 0
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
+    forget()
+    code, err = ecology("archipelago", *words, "--workers", "1")
+    assert (code, ran()) == (2, [])
+    assert f"{Path.cwd()}/theirs/isles.py' (sha256 " in err
+    assert "--trust" in err
+    code, err = ecology("archipelago", *words, "--workers", "1", "--trust")
+    assert (code, ran()) == (0, ["theirs"]), err
+    for name in ("isles", "world", "beside"):
+        assert f"runs the code of {Path.cwd()}/theirs/{name}.py (sha256 " in err
+
+
 def test_from_python_it_asks_first(stranger: Command) -> None:
     """`agents.load` is no way around."""
     with pytest.raises(EcologyError, match="that you have not run before"):

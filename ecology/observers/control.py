@@ -17,6 +17,7 @@ from ecology.errors import EcologyError, nearest
 
 ORDERS = ("pause", "go", "step", "decision", "pace")
 GONE = 3.0  # seconds after which a watcher that reports nothing is gone
+WATCHERS = 32  # pages that are listened to at a time, at most
 STUCK = 5.0  # seconds after which a watcher whose picture does not move is no longer waited for
 BEHIND = 1.0  # seconds by which a picture may be behind, at the present speed
 LEAST = 30  # ticks by which it may be behind at any speed
@@ -28,6 +29,7 @@ class Watcher:
     """A page that shows the run."""
 
     shown: float  # tick of its picture
+    furthest: float  # the latest that it has shown
     moved: float  # by the clock, when that last changed
     heard: float  # by the clock, when it last reported
 
@@ -143,10 +145,15 @@ class Control:
                 self._watchers.pop(watcher, None)
                 return
             known = self._watchers.get(watcher)
-            moved = now if known is None or shown != known.shown else known.moved
+            if known is None:
+                self._watchers = {name: each for name, each in self._watchers.items() if now - each.heard < GONE}
+                if len(self._watchers) >= WATCHERS:
+                    return
+            furthest = shown if known is None else max(shown, known.furthest)
+            moved = now if known is None or shown > known.furthest else known.moved
             if known is not None and self._sent <= known.shown:  # nothing new to be shown
                 moved = now
-            self._watchers[watcher] = Watcher(shown, moved, now)
+            self._watchers[watcher] = Watcher(shown, furthest, moved, now)
 
     def _lag(self, now: float) -> float:
         """Return by how many ticks the last of the pages is behind that are waited for."""

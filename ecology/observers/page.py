@@ -15,15 +15,20 @@
 Who asks under another host's name (DNS rebinding), posts from another page or without the token gets
 403, what cannot be read 400; neither reaches the run. What the run refuses gets 409 with its reason. The last six are
 of a run that is alive, and 404 elsewhere. A browser may load nothing from elsewhere.
+
+The page is served in the process of the run, whose files and threads must not run out: connections are few at a time,
+and each must make its request within PATIENCE seconds and go on reading the answer.
 """
 
 from __future__ import annotations
 
 import hmac
+import io
 import json
 import logging
 import secrets
 import shutil
+import socket
 import tempfile
 import threading
 import time
@@ -47,6 +52,7 @@ JSON = "application/json"
 TYPES = {".js": "text/javascript", ".wasm": "application/wasm", ".html": "text/html; charset=utf-8"}
 LONGEST, DRAINED = 1_024, 65_536  # bytes of a click, and of anything that is read
 PATIENCE = 30.0  # seconds granted to a browser that is slow, and to the start of Rerun's server
+CONNECTIONS = 64  # at a time, at most; a browser opens six
 HOSTS = (LOOPBACK, "localhost")
 
 
@@ -161,9 +167,51 @@ def _nobody(who: str) -> None:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self._places = threading.BoundedSemaphore(CONNECTIONS)
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection in a thread of its own, or close it where there are too many."""
+        if not self._places.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:  # no thread could be started
+            self._places.release()
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Serve a connection, and make its place free."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._places.release()
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Keep from the terminal, which is the run's, that a browser went away."""
         logging.getLogger("ecology").debug("a request of %s failed", client_address, exc_info=True)
+
+
+class _Request(io.RawIOBase):
+    """What a client sends; TimeoutError where it takes longer than PATIENCE seconds in all."""
+
+    def __init__(self, link: socket.socket) -> None:
+        self._link, self._until = link, time.monotonic() + PATIENCE
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        left = self._until - time.monotonic()
+        if left <= 0:
+            raise TimeoutError("the request was not made in time")
+        self._link.settimeout(left)
+        try:
+            return self._link.recv_into(buffer)
+        finally:
+            self._link.settimeout(PATIENCE)  # for every block of the answer
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -177,6 +225,10 @@ class _Handler(BaseHTTPRequestHandler):
     desk: Desk | None
     timeout = PATIENCE
     server_version, sys_version = "ecology", ""
+
+    def setup(self) -> None:
+        super().setup()
+        self.rfile = io.BufferedReader(_Request(self.connection))
 
     def do_GET(self) -> None:
         path = urlsplit(self.path).path

@@ -61,7 +61,7 @@ def attach(url: str) -> subprocess.Popen[bytes]:
 def recording_of(run: Path) -> Path:
     """Return the recording of a run, given its folder or the file; EcologyError where there is none."""
     path = run / RECORDING if run.is_dir() else run
-    require(path.exists(), f"there is no recording at {str(path)!r}; give the folder of a run that recorded.")
+    require(path.is_file(), f"there is no recording at {str(path)!r}; give the folder of a run that recorded.")
     with readable("the recording", path), path.open("rb") as file:
         require(
             file.read(3) == b"RRF",

@@ -172,7 +172,11 @@ class Audience:
             try:  # at the usual port only now: another run that starts would find the same one free
                 port = web_port(self._port)
                 self._page = Page(Shown([source], self.hear, desk=self), dt=env.dt, port=port, name=name)
-                print(f"watch in a browser: {self._page.url}", flush=True)
+                print(
+                    f"watch in a browser: {self._page.url} (every program on this machine can open it, and pause or "
+                    "change the run there)",
+                    flush=True,
+                )
             except EcologyError as error:
                 logging.getLogger("ecology").warning("%s The run continues.", error)
             print(

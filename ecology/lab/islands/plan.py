@@ -17,6 +17,7 @@ import tomli_w
 from ecology import Archipelago, EcologyError, scenarios
 from ecology.errors import nearest
 from ecology.lab.runs import source
+from ecology.lab.runs.folder import check_files
 from ecology.lab.runs.gate import Gate
 from ecology.lab.runs.run_config import RECORD_EVERY, Plan, resolve
 
@@ -171,6 +172,7 @@ def read_voyage(folder: Path, ticks: int | None = None, gate: Gate | None = None
 def read_words(folder: Path) -> dict[str, Any]:
     """Return the contents of archipelago.toml; raise EcologyError if it is not valid."""
     path = folder / CONFIG
+    check_files(folder)
     try:
         words = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

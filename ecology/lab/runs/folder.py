@@ -26,20 +26,29 @@ WRITES = (CONFIG, SUMMARY, CHECKPOINT, KEPT, METRICS, RECORDING, EVALUATION, FIG
 
 
 def check_run(folder: Path) -> None:
-    """Raise EcologyError where `folder` holds no run."""
+    """Raise EcologyError where `folder` holds no run, or something that is no file."""
     if not (folder / CONFIG).is_file():
         raise EcologyError(f"the folder {str(folder)!r} holds no run: there is no {CONFIG} in it.")
+    check_files(folder)
+
+
+def check_files(folder: Path) -> None:
+    """Raise EcologyError where `folder` holds what is neither a file nor a folder: whoever reads a pipe waits."""
+    for path in _contents(folder):
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise EcologyError(
+                f"{str(path)!r} is neither a file nor a folder, and no run writes such things; remove it."
+            )
 
 
 def check_links(folder: Path) -> None:
     """Raise EcologyError where `folder` holds a link: what is written to a run stays in its folder."""
-    for place, folders, files in os.walk(folder):
-        for path in (Path(place, name) for name in (*folders, *files)):
-            if path.is_symlink():
-                raise EcologyError(
-                    f"{str(path)!r} is a link to {os.readlink(path)!r}, and nothing is written through links in a run "
-                    "folder; remove it, or put what it leads to in its place."
-                )
+    for path in _contents(folder):
+        if path.is_symlink():
+            raise EcologyError(
+                f"{str(path)!r} is a link to {os.readlink(path)!r}, and nothing is written through links in a run "
+                "folder; remove it, or put what it leads to in its place."
+            )
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -106,6 +115,12 @@ def is_locked(folder: Path) -> bool:
             return False
     except OSError:  # Timeout is one
         return True
+
+
+def _contents(folder: Path) -> Iterator[Path]:
+    """Yield all that `folder` and the folders in it hold."""
+    for place, folders, files in os.walk(folder):
+        yield from (Path(place, name) for name in (*folders, *files))
 
 
 def _finite(value: Any) -> Any:

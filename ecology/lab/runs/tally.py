@@ -263,11 +263,13 @@ class Tally:
         seconds = np.array(values["seconds"], float)
         if seconds.shape != (3,) or not (np.isfinite(seconds) & (seconds >= 0)).all():
             raise EcologyError(f"seconds are three numbers of at least 0, got {values['seconds']!r}.")
+        most = self._env.size * max(tick, 1)  # of anything that is counted
         for name in self.ARRAYS:
             mine = getattr(self, name)
             like = mine[: -(-tick // span)] if name in self.BLOCKED else mine
             known = not name.startswith("measured") or name == "measured_count"  # a measure may be anything
-            checkpoint.check_array(name, arrays[name], like, finite=known, low=0 if mine.dtype.kind == "i" else None)
+            low, below = (0, 1 + most) if mine.dtype.kind == "i" else (None, None)
+            checkpoint.check_array(name, arrays[name], like, finite=known, low=low, below=below)
         for name in self.ARRAYS:
             mine = getattr(self, name)
             mine[: len(arrays[name])], mine[len(arrays[name]) :] = arrays[name], 0
