@@ -118,9 +118,17 @@ def test_a_resource_that_is_everywhere_is_drawn_on_the_floor(tmp_path: Path) -> 
         assert [word for word in words if word.endswith("everywhere")] == [f"{each}: everywhere" for each in everywhere]
 
 
-@pytest.mark.parametrize(("name", "shown"), [("hunting", ["hunter"]), ("colony", ["nurse", "brood"])])
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("hunting", ["hunter"]),
+        ("colony", ["nurse", "brood"]),
+        ("food_share", ["possessor", "partner"]),
+        ("enrichment", []),
+    ],
+)
 def test_a_life_that_cannot_change_is_left_out(name: str, shown: list[str], tmp_path: Path) -> None:
-    """Prey that only rest, with a need that nothing changes, have no curves; who decides or feels has."""
+    """Prey that only rest, with a need that nothing changes, have no curves; a species that decides or is felt has."""
     scene = scene_of(name, tmp_path)
     origins = {str(getattr(part, "origin", "")) for part in parts(scene)}
     assert [each for each in scene.groups if f"/focus/{each}/needs" in origins] == shown

@@ -83,7 +83,7 @@ ARENA: Sequence[type[Panel]] = (Plane, Legend, Fields, Props, Resources, Bodies,
 LIFE = rows(
     tabs(Needs, Shares, Deviation, Everyone),
     Action,
-    columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.15, 1.0)),
+    columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.25, 1.0)),
     shares=(2.75, 1.15, 2.95),
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ecology.empathy import felt_species
 from ecology.model import Group
 from ecology.observers import colours, maps, places, shapes
 from ecology.scenario import Scenario
@@ -72,14 +73,16 @@ class Scene:
         return len(self.groups) > 1
 
     def idle(self, name: str) -> bool:
-        """Return whether a species has nothing to decide, and needs that stay as they are: its life shows nothing."""
+        """Return whether a species decides nothing, has needs that nothing changes, and is felt by nobody."""
         species = self.scenario.species[self.groups[name].index]
         met = [action for each in self.scenario.species for action in each.actions if action.species == name]
         moved = any(
             need.decay or need.leak or need.noise or need.adaptation is not None or need.feeds for need in species.needs
         )
+        moved |= any(action.control or action.drain or action.gain or action.gives for action in species.actions)
         moved |= any(action.gives or action.damage for action in met) or species.empathy is not None
-        return len(species.actions) == 1 and not (moved or species.actions[0].control or species.actions[0].drain)
+        felt = any(name in felt_species(each) for each in self.scenario.species if each.empathy is not None)
+        return not (self.decides[name] or moved or felt)
 
     def at(self, name: str) -> str:
         """Return where the life of a species' focus is drawn."""
