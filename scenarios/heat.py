@@ -78,4 +78,5 @@ def build(
         cues=(Cue(name="light"),),
         sessions=(trial,),
         ticks=ticks,
+        sample_every=2,
     )

@@ -67,4 +67,5 @@ def build(
         day=DAY,
         dt=dt,
         ticks=ticks,
+        sample_every=1,
     )

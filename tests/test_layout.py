@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import math
 import pkgutil
 import re
 from collections.abc import Iterator
@@ -14,10 +15,10 @@ import pytest
 
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
-from ecology.observers import layout, maps
+from ecology.observers import layout, maps, shapes
 from ecology.observers import panels as files
 from ecology.observers.layout import PLACED, UNTOUCHED, Box, blueprint
-from ecology.observers.panels.base import Panel
+from ecology.observers.panels.base import Panel, labelled
 from ecology.observers.panels.futures import Futures
 from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
@@ -55,7 +56,9 @@ def test_the_maps_are_named_where_there_is_room(tmp_path: Path) -> None:
     scene = scene_of("paper", tmp_path)
     needs = [scene.scenario.species[0].needs[i].name for i in maps.mapped_needs(scene.scenario.species[0])]
     titles = [str(part.name) for part in parts(scene) if getattr(part, "name", None)]
-    assert any(title.endswith(f"now | at their worst: {', '.join(needs)}") for title in titles)
+    worst = ", ".join(f"{i} {need}" for i, need in enumerate(needs, 2))
+    assert any(title.endswith(f"1 now | at their worst: {worst}") for title in titles)
+    assert {f"{i}" for i in range(1, len(needs) + 2)} <= set(titles)  # of the maps themselves
 
 
 def test_every_panel_has_a_place_and_is_sampled() -> None:
@@ -88,3 +91,44 @@ def test_a_click_finds_bodies_alone() -> None:
     drawn = {name for path in sources for name in re.findall(r"world/(\w+)", path.read_text(encoding="utf-8"))}
     elsewhere = {"maps", "here"}  # in views of their own
     assert drawn - elsewhere - {"agents"} <= set(UNTOUCHED)
+
+
+@pytest.mark.parametrize("tall", [27, 60, 76, 130, 150])
+@pytest.mark.parametrize(
+    ("low", "high"), [(0, 0), (0, 3.4), (0, 96), (-1.5, 1.5), (31, 42), (0.0316, 0.0317), (0, 400), (-100, 100), (7, 7)]
+)
+def test_an_axis_has_two_labels(low: float, high: float, tall: float) -> None:
+    """A plot's range holds two multiples of the power of ten that the viewer labels, and all that is drawn."""
+    least, most = labelled(low, high, tall)
+    assert least <= low
+    assert high <= most
+    apart = 20 * (most - least) / max(tall, 56)  # of two labels, at least
+    step = 10.0 ** math.ceil(math.log10(apart) - 1e-9)
+    assert math.floor(most / step) - math.ceil(least / step) >= 1
+    assert most - least <= 25 * max(high - low, abs(high), 1e-9)
+
+
+def test_a_resource_that_is_everywhere_is_drawn_on_the_floor(tmp_path: Path) -> None:
+    """A circle that holds the whole arena has no outline, and the legend says so; others have names beside them."""
+    for name, everywhere in (("laws", ["pool"]), ("colony", ["food"]), ("commons", []), ("paper", [])):
+        scene = scene_of(name, tmp_path)
+        resources = scene.scenario.resources
+        assert [r.name for r in resources if shapes.covers(scene.scenario, r)] == everywhere
+        words = [word for row in scene.legend_rows() for _, word, _ in row]
+        assert [word for word in words if word.endswith("everywhere")] == [f"{each}: everywhere" for each in everywhere]
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("hunting", ["hunter"]),
+        ("colony", ["nurse", "brood"]),
+        ("food_share", ["possessor", "partner"]),
+        ("enrichment", []),
+    ],
+)
+def test_a_life_that_cannot_change_is_left_out(name: str, shown: list[str], tmp_path: Path) -> None:
+    """Prey that only rest, with a need that nothing changes, have no curves; a species that decides or is felt has."""
+    scene = scene_of(name, tmp_path)
+    origins = {str(getattr(part, "origin", "")) for part in parts(scene)}
+    assert [each for each in scene.groups if f"/focus/{each}/needs" in origins] == shown

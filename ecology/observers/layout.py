@@ -83,8 +83,8 @@ ARENA: Sequence[type[Panel]] = (Plane, Legend, Fields, Props, Resources, Bodies,
 LIFE = rows(
     tabs(Needs, Shares, Deviation, Everyone),
     Action,
-    columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.7, 1.0)),
-    shares=(2.6, 1.3, 2.9),
+    columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.25, 1.0)),
+    shares=(2.75, 1.15, 2.95),
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 STRIP = columns(Count, Drives)  # below the minds of a crowd
@@ -97,6 +97,7 @@ UNTOUCHED = (  # entities of the arena that a click passes through: of every lay
     *("walls", "floor", "axes", "legend", "fields", "doors", "resources", "trail", "marks", "props"),
     *("focus", "chosen", "plan", "forecast", "came", "nobody"),
 )
+WIDE_MAPS = 3  # side by side, up to which their titles have room
 FORKED = "fork"  # the entity below which it lies
 
 
@@ -131,7 +132,8 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     there = sorted(scene.groups, key=lambda name: name != scene.first)
     mapped = [map_ for name in there for map_ in _maps(scene, name)]
     others = [view for kind in BELOW for view in _views(scene, kind)]
-    lives = [_place(scene, LIFE, name, name=scene.who(name)) for name in there]
+    told = [name for name in there if scene.alone or name in (scene.first, *scene.chosen) or not scene.idle(name)]
+    lives = [_place(scene, LIFE, name, name=scene.who(name)) for name in told]
     populations: Any = None
     if scene.crowd:
         below, shares = rrb.Tabs(*others, *mapped, active_tab=0), [2.6, 1.0]
@@ -139,7 +141,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
         right: Any = rrb.Tabs(*lives, *([populations] if populations else []), active_tab=0)
         strip = _place(scene, CUES if scene.alone else STRIP)
         if strip is not None and lives:
-            right = rrb.Vertical(right, strip, row_shares=[5.0, 1.0])
+            right = rrb.Vertical(right, strip, row_shares=[4.4, 1.0])
     else:
         below, shares = rrb.Tabs(*mapped, *others, active_tab=0), [2.3, 1.0]
         right = lives[0] if lives else others[0]
@@ -176,14 +178,19 @@ def _views(scene: Scene, kind: type[Panel], name: str = "") -> list[rrb.View | r
 def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
     """Return the map of J at the present state of a species' agent in focus, beside the maps at made-up states."""
     kinds = [kind for kind in MAPS if kind is not Here or name not in scene.chosen]
-    shown = [view for kind in kinds for view in _views(scene, kind, name)]
+    shown: list[Any] = [view for kind in kinds for view in _views(scene, kind, name)]
     if not shown:
         return []
     whose = f"the {name} then in focus" if name in scene.chosen else scene.who(name)
     species = scene.scenario.species[scene.groups[name].index]
-    worst = ", ".join(species.needs[i].name for i in maps.mapped_needs(species))
-    # narrow maps cut off their titles; there is room here
-    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}, dark is low: now | at their worst: {worst}")]
+    words = [*(["now"] * (Here in kinds)), *(species.needs[i].name for i in maps.mapped_needs(species))]
+    if len(shown) > WIDE_MAPS:  # narrow maps cut off their titles: they have numbers, and there is room here
+        words = [f"{i} {word}" for i, word in enumerate(words, 1)]
+        for i, view in enumerate(shown, 1):
+            view.name = f"{i}"
+    now, worst = words[: Here in kinds], words[Here in kinds :]
+    told = " | ".join([*now, f"at their worst: {', '.join(worst)}"])
+    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}, dark is low: {told}")]
 
 
 def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -> Any:

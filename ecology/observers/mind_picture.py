@@ -12,7 +12,8 @@ from ecology.observers.plotting import Axes
 
 OPTIONS = 8  # of a decision, at most
 COLUMNS = (0, 1, 4)  # of its table: option, next drive, score
-WIDE = 44  # letters of a line, at most
+LETTER = 7.5  # height of a letter, points
+WIDTH = 0.61  # of a letter, as a share of its height
 
 
 class MindPicture:
@@ -42,11 +43,13 @@ class MindPicture:
         self._needs.set_xlim(min(0.0, float(np.nanmin(np.append(who.needs, 0.0)))), 1.05 * max(*highest, 1e-9, 0.0))
         lives = bool(np.isfinite(who.place).all())
         self._needs.set_title(who.name if lives else f"{who.name} does not live", fontsize=10)
-        self._decision.text(0, 1, _plain(who.decision), family="monospace", fontsize=7.5, va="top")
+        points = self._decision.bbox.width * 72 / self._decision.get_figure().dpi
+        text = _plain(who.decision, int(points / (WIDTH * LETTER)))
+        self._decision.text(0, 1, text, family="monospace", fontsize=LETTER, va="top")
 
 
-def _plain(text: str) -> str:
-    """Return a decision in Markdown as lines of plain text."""
+def _plain(text: str, wide: int) -> str:
+    """Return a decision in Markdown as lines of plain text, of at most `wide` letters where they are no table."""
     if not text:
         return "no decision was recorded"
     found, rows = [], []
@@ -56,10 +59,10 @@ def _plain(text: str) -> str:
             if not set(line) <= set("|-"):
                 rows.append(cells)
         elif line:
-            found += textwrap.wrap(line, WIDE)
+            found += textwrap.wrap(line, wide)
     table = rows[: 1 + OPTIONS]
     table = [row for row in table if len(row) == len(table[0])] if table else []
     table = [[row[i] for i in COLUMNS] for row in table if len(row) > max(COLUMNS)]
-    wide = [max(len(row[i]) for row in table) for i in range(len(table[0]))] if table else []
-    lines = [" ".join(cell.ljust(w) for cell, w in zip(row, wide, strict=True)) for row in table]
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))] if table else []
+    lines = [" ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) for row in table]
     return "\n".join([*found, "", *lines])

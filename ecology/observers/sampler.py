@@ -147,7 +147,8 @@ class Sampler:
     @property
     def shown_first(self) -> str:
         """Return the species whose life is shown first."""
-        return self.focus.first or next(iter(self.scene.groups), "")
+        lively = [name for name in self.scene.groups if not self.scene.idle(name)]
+        return self.focus.first or next(iter([*lively, *self.scene.groups]), "")
 
     def has_decided(self, state: State) -> bool:
         """Return whether the agent that is shown first made a decision in this tick, or does something else now."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ecology.empathy import felt_species
 from ecology.model import Group
 from ecology.observers import colours, maps, places, shapes
 from ecology.scenario import Scenario
@@ -71,6 +72,18 @@ class Scene:
         """Return whether there are several species: bodies have their colours, and headings show the drive."""
         return len(self.groups) > 1
 
+    def idle(self, name: str) -> bool:
+        """Return whether a species decides nothing, has needs that nothing changes, and is felt by nobody."""
+        species = self.scenario.species[self.groups[name].index]
+        met = [action for each in self.scenario.species for action in each.actions if action.species == name]
+        moved = any(
+            need.decay or need.leak or need.noise or need.adaptation is not None or need.feeds for need in species.needs
+        )
+        moved |= any(action.control or action.drain or action.gain or action.gives for action in species.actions)
+        moved |= any(action.gives or action.damage for action in met) or species.empathy is not None
+        felt = any(name in felt_species(each) for each in self.scenario.species if each.empathy is not None)
+        return not (self.decides[name] or moved or felt)
+
     def at(self, name: str) -> str:
         """Return where the life of a species' focus is drawn."""
         return f"chosen/{self.chosen[name]}" if name in self.chosen else f"focus/{name}"
@@ -97,7 +110,11 @@ class Scene:
         """Return what the legend says besides the drive: words with their colour."""
         found = [(name, self.colour(name)) for name in self.groups] if self.mixed else []
         shades = colours.resource_colours(self.scenario)
-        found += [(r.name, s) for r, s in zip(self.scenario.resources, shades, strict=True) if r.count > 1]
+        for r, shade in zip(self.scenario.resources, shades, strict=True):
+            if shapes.covers(self.scenario, r):
+                found.append((f"{r.name}: everywhere", shade))
+            elif r.count > 1:
+                found.append((r.name, shade))
         found += [(each.name, places.field_colour(i)) for i, each in enumerate(self.scenario.fields)]
         found += [(shapes.KINDS[kind], MARKED[kind]) for kind in self.marks]
         return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from ecology.ground import Ground
 from ecology.scenario import Scenario
-from ecology.spec import Species
+from ecology.spec import Resource, Species
 from ecology.state import Floats, State
 
 SMALL, LARGE = 0.008, 0.03  # of the arena: bodies are drawn at least and at most this large
@@ -38,6 +38,15 @@ def patches(scenario: Scenario, state: State) -> Floats:
     comes = np.array([r.gone_below is not None for r in scenario.resources for _ in range(r.count)], bool)
     gone = comes & (state.stock <= 0)
     return np.where(gone[:, None], np.nan, state.resource_position) if gone.any() else state.resource_position
+
+
+def covers(scenario: Scenario, resource: Resource) -> bool:
+    """Return whether the circle of a resource holds the whole arena, wherever the resource moves."""
+    corners = np.array(scenario.arena.vertices, float)
+    far = float(np.hypot(*np.ptp(corners, axis=0)))
+    if resource.position is not None and resource.motion is None:
+        far = float(np.hypot(*(corners - resource.position).T).max())
+    return resource.count == 1 and resource.seeding is None and resource.radius >= far
 
 
 def view_field(species: Species, place: Floats, heading: float, ground: Ground | None = None) -> Floats:

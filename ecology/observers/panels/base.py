@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,7 +22,10 @@ from ecology.spec import Species
 from ecology.state import State
 from ecology.world import Tick
 
-STATE_TICKS = 1_000  # of the internal state on the first screen
+STATE_TICKS = 2_000  # of the internal state on the first screen: two labels of the axis, however narrow the plot
+HUGE = 1e300  # range of an axis that is left alone
+APART, HALF = 20, 8  # points: between two labels of an axis, at least, and half a label
+STRIP_TALL = 76  # points, of a plot below the minds on a small screen
 
 
 @dataclass
@@ -77,8 +81,8 @@ class Batch:
 
     def __init__(self, scene: Scene, samples: Sequence[Mapping[str, Any]]) -> None:
         self.scene, self.samples = scene, samples
-        self.ticks = np.array([s["tick"] for s in samples])
-        self.times = time_columns(self.ticks, np.array([s["time"] for s in samples]))
+        self.ticks, self.clock = np.array([s["tick"] for s in samples]), np.array([s["time"] for s in samples])
+        self.times = time_columns(self.ticks, self.clock)
 
     def of(self, panel: Panel) -> list[Any]:
         """Return what a panel sampled, n; None where it sampled nothing."""
@@ -271,8 +275,7 @@ def draw_map(rec: rr.RecordingStream, folder: str, grid: maps.Grid, value: np.nd
     image[~np.isfinite(value)] = BACKGROUND
     rec.log(f"{folder}/image", rr.Image(image, draw_order=-10), *more)
     (x, y), (tall, wide) = grid.corner, (extent * grid.cell for extent in value.shape)
-    ends = [(x + share * wide, y - 0.03 * tall) for share in (0.2, 0.8)]
-    rec.log(f"{folder}/range", *text(ends, [f"low {_short(low)}", f"high {_short(high)}"], [INK] * 2))
+    rec.log(f"{folder}/range", *text([(x + 0.5 * wide, y - 0.03 * tall)], [f"{_short(low)} to {_short(high)}"], [INK]))
 
 
 def _short(value: float) -> str:
@@ -300,6 +303,49 @@ def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None, *, leg
     """Return a view of series over the whole run; its name says which is which, or a legend."""
     shown = LEGEND if legend else NO_LEGEND
     return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=shown, axis_x=ALWAYS, overrides=overrides)
+
+
+def labelled(low: float, high: float, tall: float) -> tuple[float, float]:
+    """Return the narrowest range around `low` to `high` that shows two labels whole in a plot `tall` points high.
+
+    The viewer labels the multiples of a power of ten: the least whose labels have room.
+    """
+    room = max(tall - 2 * HALF, 2 * APART)
+    while high - low < HUGE:
+        span = max(high - low, 1e-9 * max(abs(high), abs(low), 1e-3))
+        step = 10.0 ** math.ceil(math.log10(APART * span / room) - 1e-9)
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        if last > first:
+            return low - HALF * span / room, high + HALF * span / room
+        down, up = low - (first - 1) * step, (last + 1) * step - high
+        low, high = (low, (last + 1) * step) if up <= down or low == 0 else ((first - 1) * step, high)
+    return low, high
+
+
+class Ends:
+    """Keeps two labels on the axis of a plot: invisible points at the ends of its range, which includes 0."""
+
+    def __init__(self, entity: str, tall: float) -> None:
+        """Mark the axis of the plot of `entity`, `tall` points high on a small screen."""
+        self._entity, self._tall = f"{entity}/ends", tall
+        self._low, self._high = 0.0, 0.0  # of all values so far
+        self._ends = (0.0, 0.0)  # as they were last drawn
+
+    def open(self, rec: rr.RecordingStream) -> None:
+        """Make the points invisible."""
+        unseen = rr.SeriesPoints(colors=[[0, 0, 0, 0]] * 2, names=["end of the axis"] * 2, marker_sizes=[0.1, 0.1])
+        rec.log(self._entity, unseen, static=True)
+
+    def draw(self, rec: rr.RecordingStream, ticks: np.ndarray, times: np.ndarray, value: np.ndarray) -> None:
+        """Mark the range of the values (n, K) so far, where it has grown."""
+        known = value[np.isfinite(value)]
+        if not known.size:
+            return
+        self._low, self._high = min(self._low, float(known.min())), max(self._high, float(known.max()))
+        ends = labelled(self._low, self._high, self._tall)
+        if ends != self._ends:
+            self._ends = ends
+            scalars(rec, self._entity, time_columns(ticks[:1], times[:1]), np.array([ends]))
 
 
 def called(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:

@@ -6,11 +6,16 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers.panels.base import Batch, Panel, plot, scalars, series
+from ecology.observers.panels.base import STRIP_TALL, Batch, Ends, Panel, plot, scalars, series
+from ecology.observers.scene import Scene
 
 
 class Count(Panel):
     """Draws a curve per species."""
+
+    def __init__(self, scene: Scene, name: str = "") -> None:
+        super().__init__(scene, name)
+        self._ends = Ends("population/count", STRIP_TALL)
 
     def is_there(self) -> bool:
         """Return whether there is more to be shown than one agent."""
@@ -22,12 +27,15 @@ class Count(Panel):
         series(
             rec, "population/count", names, [self.scene.colour(name) for name in names], [2.0] * len(names), steps=True
         )
+        self._ends.open(rec)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""
         drive = batch.column["drive"]
         count = [np.isfinite(drive[:, g.slots]).sum(axis=1).astype(float) for g in self.scene.groups.values()]
-        scalars(rec, "population/count", batch.times, np.stack(count, axis=1))
+        value = np.stack(count, axis=1)
+        scalars(rec, "population/count", batch.times, value)
+        self._ends.draw(rec, batch.ticks, batch.clock, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot if agents can be born or die."""

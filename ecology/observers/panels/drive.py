@@ -8,15 +8,23 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import Life
-from ecology.observers.panels.base import LifePanel, called, plot, scalars, series, time_columns
+from ecology.observers.panels.base import Ends, LifePanel, called, plot, scalars, series, time_columns
+from ecology.observers.scene import Scene
+
+TALL = 150  # points, of the plot on a small screen
 
 
 class Drive(LifePanel):
     """Draws the drive over the whole life."""
 
+    def __init__(self, scene: Scene, name: str = "") -> None:
+        super().__init__(scene, name)
+        self._ends = Ends(f"{self.base}/drive", TALL)
+
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the curves."""
         series(rec, f"{self.base}/drive", *self._curves())
+        self._ends.open(rec)
 
     def _curves(self) -> tuple[list[str], list[colours.Colour]]:
         """Return names and colours of the curves."""
@@ -30,7 +38,9 @@ class Drive(LifePanel):
         """Draw them."""
         parts = [life.drive, *([] if life.own is None else [life.own, life.drive - life.own])]
         parts += [] if life.mean is None else [life.mean]
-        scalars(rec, f"{self.base}/drive", time_columns(life.tick, life.time), np.stack(parts, axis=1))
+        value = np.stack(parts, axis=1)
+        scalars(rec, f"{self.base}/drive", time_columns(life.tick, life.time), value)
+        self._ends.draw(rec, life.tick, life.time, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
@@ -38,5 +48,9 @@ class Drive(LifePanel):
         known = self.scene.full or self.name not in self.scene.chosen or self.species.empathy is None
         words, shades = self._curves()
         short = [word.removesuffix(" of the species").removesuffix(" of others").removeprefix("its ") for word in words]
-        title = ("drive" if known else "own drive") + (f": {called(short[1:], shades[1:])}" if len(words) > 1 else "")
-        return [plot(f"/{self.base}/drive", title)]
+        title = "drive" if known else "own drive"
+        if len(words) == 1:
+            return [plot(f"/{self.base}/drive", title)]
+        # a narrow tab would cut off the colours: they stand below it
+        told = called(short[1:], shades[1:]).replace("light blue", "blue")
+        return [rrb.Vertical(plot(f"/{self.base}/drive", told), name=title)]

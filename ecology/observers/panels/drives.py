@@ -7,27 +7,34 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Panel, plot, scalars, series
+from ecology.observers.panels.base import STRIP_TALL, Batch, Ends, Panel, plot, scalars, series
+from ecology.observers.scene import Scene
 
 
 class Drives(Panel):
     """Draws three curves per species."""
 
+    def __init__(self, scene: Scene, name: str = "") -> None:
+        super().__init__(scene, name)
+        self._ends = Ends("population/drive", STRIP_TALL)
+        self._shown = {n: group for n, group in scene.groups.items() if not scene.idle(n)}
+
     def is_there(self) -> bool:
         """Return whether there is more to be shown than one agent."""
-        return self.scene.crowd
+        return self.scene.crowd and bool(self._shown)
 
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the curves."""
-        names, shades = list(self.scene.groups), [self.scene.colour(name) for name in self.scene.groups]
+        names, shades = list(self._shown), [self.scene.colour(name) for name in self._shown]
         words = [word for n in names for word in (n, f"{n} - sd", f"{n} + sd")]
         thrice = [each for shade in shades for each in (shade, *[colours.shaded(shade, 0.55)] * 2)]
         series(rec, "population/drive", words, thrice, [2.0, 0.8, 0.8] * len(names))
+        self._ends.open(rec)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""
         curves = []
-        for group in self.scene.groups.values():
+        for group in self._shown.values():
             drive = batch.column["drive"][:, group.slots]
             lives = np.isfinite(drive)
             many, none = lives.sum(axis=1), np.full(len(drive), np.nan)
@@ -35,7 +42,9 @@ class Drives(Panel):
             off = np.where(lives, drive - mean[:, None], 0.0)
             spread = np.sqrt(np.divide((off**2).sum(axis=1), many, out=none.copy(), where=many > 0))
             curves += [mean, mean - spread, mean + spread]
-        scalars(rec, "population/drive", batch.times, np.stack(curves, axis=1))
+        value = np.stack(curves, axis=1)
+        scalars(rec, "population/drive", batch.times, value)
+        self._ends.draw(rec, batch.ticks, batch.clock, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot, of several agents."""

@@ -42,7 +42,7 @@ class Legend(Panel):
         (low, _), (_, high) = scene.scenario.arena.extent
         what = "heading: drive 0" if scene.mixed else "body: drive 0"
         y = high + 0.06 * scene.size
-        places = [(low + 0.02 * scene.size, y), (low + 0.3 * scene.size, y)]
+        places = [(low + 0.05 * scene.size, y), (low + 0.3 * scene.size, y)]
         for s in batch.samples:
             if s["top"] == self._top:
                 continue

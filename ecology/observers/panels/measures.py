@@ -9,11 +9,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import Batch, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import STRIP_TALL, Batch, Ends, Panel, Watch, plot, scalars, series
+from ecology.observers.scene import Scene
 
 
 class Measures(Panel):
     """Draws a curve for each."""
+
+    def __init__(self, scene: Scene, name: str = "") -> None:
+        super().__init__(scene, name)
+        self._ends = Ends("population/measures", STRIP_TALL)
 
     def is_there(self) -> bool:
         """Return whether there are any, in a world of several."""
@@ -27,10 +32,13 @@ class Measures(Panel):
         """Name and colour the curves."""
         cues = {cue.name for cue in self.scene.scenario.cues}
         series(rec, "population/measures", self.scene.measures, colours.PALETTE, steps=set(self.scene.measures) <= cues)
+        self._ends.open(rec)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""
-        scalars(rec, "population/measures", batch.times, np.stack(batch.of(self)))
+        value = np.stack(batch.of(self))
+        scalars(rec, "population/measures", batch.times, value)
+        self._ends.draw(rec, batch.ticks, batch.clock, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""

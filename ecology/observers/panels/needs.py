@@ -10,9 +10,20 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import Life
-from ecology.observers.panels.base import NO_LEGEND, STATE_TICKS, LifePanel, last, scalars, series, time_columns
+from ecology.observers.panels.base import (
+    NO_LEGEND,
+    STATE_TICKS,
+    LifePanel,
+    labelled,
+    last,
+    scalars,
+    series,
+    time_columns,
+)
 from ecology.observers.scene import FAINT, INK
 from ecology.spec import Need
+
+HEIGHTS = (130, 60, 27)  # points, of a plot on a small screen, by the number of rows
 
 
 class Needs(LifePanel):
@@ -39,6 +50,8 @@ class Needs(LifePanel):
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return a plot per need: the variable against its set point and its bounds."""
         needs, views = self.species.needs, []
+        columns = min(3, math.ceil(math.sqrt(len(needs))))
+        rows = math.ceil(len(needs) / columns)
         for i, need in enumerate(needs):
             steps = rr.components.InterpolationMode.StepAfter if not need.regulated and not need.decay else None
             shown = [i == k // 4 for k in range(4 * len(needs))]
@@ -48,17 +61,26 @@ class Needs(LifePanel):
                     name=f"{need.name}{_aim(need)}",
                     time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
                     plot_legend=NO_LEGEND,
+                    axis_y=_axis(need, HEIGHTS[min(rows, len(HEIGHTS)) - 1]),
                     overrides={
                         f"{self.base}/needs": rr.SeriesLines.from_fields(visible_series=shown, interpolation_mode=steps)
                     },
                 )
             )
         title = "needs: white x*, grey bounds"
-        return [rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)]
+        return [rrb.Grid(*views, grid_columns=columns, name=title)]
 
 
 def _aim(need: Need) -> str:
     """Return what a need is regulated to."""
     if not need.regulated:
         return ""
-    return " (x* moves)" if need.set_range is not None else f" (x* {need.set_point:g})"
+    return ": x* moves" if need.set_range is not None else f": x* {need.set_point:.4g}"
+
+
+def _axis(need: Need, tall: float) -> rrb.ScalarAxis | None:
+    """Return the range of a plot `tall` points high: the bounds, with two labels; None where there are no bounds."""
+    low, high = need.low, need.bounds[1]
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return None
+    return rrb.ScalarAxis(range=labelled(low, high, tall))

@@ -29,7 +29,8 @@ class Plane(Panel):
         step = _round_step(scene.size / 8)
         spots, words = [], []
         for axis in range(2):
-            for value in np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step):
+            values = np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step)
+            for value in values if len(values) > 1 else (low[axis], high[axis]):
                 place = low - 0.035 * scene.size
                 place[axis] = value
                 spots.append(place)

@@ -8,10 +8,12 @@ import numpy as np
 import rerun as rr
 
 from ecology.ground.outline import polygon_of
-from ecology.observers import colours, shapes
-from ecology.observers.panels.base import Batch, Panel, Watch
+from ecology.observers import colours, maps, shapes
+from ecology.observers.panels.base import Batch, Panel, Watch, lay
 from ecology.observers.scene import BACKGROUND, STEPS, Scene
 
+FINE = 400  # cells along the longer side of a floor that a resource covers
+OPAQUE = 110  # of 255, where it is full
 LINE = 0.055  # height of a line of words on the first screen, as a share of the arena
 
 
@@ -24,7 +26,8 @@ class Resources(Panel):
         self._patches = [r for r in kinds for _ in range(r.count)]
         self._kind = np.repeat(np.arange(len(kinds)), [r.count for r in kinds])
         self._radii = np.array([r.radius for r in self._patches], np.float32)
-        self._single = [k for k, r in enumerate(kinds) if r.count == 1]
+        self._everywhere = [k for k, r in enumerate(kinds) if shapes.covers(scene.scenario, r)]
+        self._single = [k for k, r in enumerate(kinds) if r.count == 1 and k not in self._everywhere]
         self._finite = not all(r.constant for r in self._patches)
         self._before: np.ndarray | None = None  # where they were last drawn
 
@@ -35,6 +38,7 @@ class Resources(Panel):
     def sample(self, watch: Watch) -> Any:
         """Return where they are, and how full."""
         places = shapes.patches(self.scene.scenario, watch.state).astype(np.float32)
+        places = np.where(np.isin(self._kind, self._everywhere)[:, None], np.nan, places)  # the floor shows them
         return places, shapes.fullness(self.scene.scenario, watch.state).astype(np.float32)
 
     def open(self, rec: rr.RecordingStream) -> None:
@@ -49,6 +53,8 @@ class Resources(Panel):
         rec.log("world/resources/rim", rim, static=True)
         full = rr.Points2D.from_fields(colors=[colours.shaded(s, 0.5) for s in each], draw_order=6)
         rec.log("world/resources/stock", full, static=True)
+        for k in self._everywhere:
+            self._flood(rec, kinds[k].name, shades[k])
         words = rr.Points2D.from_fields(
             radii=1e-4,
             labels=[kinds[k].name for k in self._single],
@@ -57,6 +63,15 @@ class Resources(Panel):
             draw_order=30,
         )
         rec.log("world/resources/names", words, static=True)
+
+    def _flood(self, rec: rr.RecordingStream, name: str, shade: colours.Colour) -> None:
+        """Lay the colour of a resource that is everywhere on the floor."""
+        fine = maps.cover(self.scene.scenario.arena, FINE)
+        image = np.zeros((*fine.inside.shape, 4), np.uint8)
+        image[fine.inside] = (*colours.shaded(shade, 0.5), OPAQUE)
+        entity = f"world/resources/everywhere/{name}"
+        lay(rec, entity, fine.corner, (fine.cell, fine.cell))
+        rec.log(entity, rr.Image(image, draw_order=-25), static=True)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw where they have moved to, and their stocks."""
@@ -73,6 +88,10 @@ class Resources(Panel):
             full = (STEPS * np.sqrt(np.stack([each[1] for each in found]))).round() / STEPS * self._radii
             stock = rr.Points2D.columns(radii=full.astype(np.float32).reshape(-1)).partition([number] * len(found))
             rec.send_columns("world/resources/stock", batch.times, stock)
+        for k in self._everywhere:
+            opacity = np.stack([each[1][self._kind == k] for each in found]).reshape(-1)
+            entity = f"world/resources/everywhere/{self.scene.scenario.resources[k].name}"
+            rec.send_columns(entity, batch.times, rr.Image.columns(opacity=opacity))
 
     def _move(self, rec: rr.RecordingStream, batch: Batch, rows: np.ndarray, place: np.ndarray) -> None:
         """Draw the patches at `place` (k, R, 2) in the samples `rows` (k,)."""
@@ -102,6 +121,9 @@ class Resources(Panel):
         size = max(walls.bounds[2] - walls.bounds[0], walls.bounds[3] - walls.bounds[1])
         half, tall = 0.009 * size * letters, 0.04 * size  # of the word, as the first screen shows it
         x, y = map(float, centre)
+        left, _, right, _ = walls.bounds
+        if 2.2 * half < right - left:
+            x = min(max(x, left + 1.1 * half), right - 1.1 * half)
         for gap in np.arange(0.0, 0.3, 0.01) * size:
             for top in (y - radius - gap, y + radius + gap + tall):
                 if not walls.intersects(shapely.box(x - half, top - tall, x + half, top)):

@@ -9,11 +9,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import Batch, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import STRIP_TALL, Batch, Ends, Panel, Watch, plot, scalars, series
+from ecology.observers.scene import Scene
 
 
 class Stocks(Panel):
     """Draws a curve per finite resource, over all its patches."""
+
+    def __init__(self, scene: Scene, name: str = "") -> None:
+        super().__init__(scene, name)
+        self._ends = Ends("population/stocks", STRIP_TALL)
 
     def is_there(self) -> bool:
         """Return whether any is finite, in a world of several."""
@@ -28,10 +33,13 @@ class Stocks(Panel):
         kinds, shades = self.scene.scenario.resources, colours.resource_colours(self.scene.scenario)
         food = {r.name: shade for r, shade in zip(kinds, shades, strict=True)}
         series(rec, "population/stocks", self.scene.stocked, [food[n] for n in self.scene.stocked])
+        self._ends.open(rec)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""
-        scalars(rec, "population/stocks", batch.times, np.stack(batch.of(self)))
+        value = np.stack(batch.of(self))
+        scalars(rec, "population/stocks", batch.times, value)
+        self._ends.draw(rec, batch.ticks, batch.clock, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""

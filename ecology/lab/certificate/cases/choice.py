@@ -215,7 +215,8 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
 
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
-    left, middle, right = figure.subplots(1, 3)
+    lives = answers.column(done, "seed-")
+    left, *middle, right = figure.subplots(1, 3 if lives else 2)
     x = np.linspace(0, 2, 50)
     left.plot(x, np.hypot(0.5, x), color=answers.CLOSED, label="sure")
     left.plot(x, (np.hypot(1.0, x) + x) / 2, color=answers.THEIRS, ls="--", label="risky")
@@ -224,12 +225,11 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
         if life is not None:
             left.plot([other] * 2, [life["sure"], life["risky"]], "o", color=answers.OURS, markersize=4)
     answers.finish(left, "other need unmet", "expected drive", "risk (dots: the world)")
-    lives = answers.column(done, "seed-")
-    if lives:
-        answers.band(middle, OTHER, [[life[f"risky at {o:g}"] for life in lives] for o in OTHER], "f/J")
-    middle.axhline(0.5, color="0.8")
-    middle.set_ylim(-0.05, 1.05)
-    answers.finish(middle, "other need unmet", "share that gambles", "learned")
+    for ax in middle:
+        answers.band(ax, OTHER, [[life[f"risky at {o:g}"] for life in lives] for o in OTHER], "f/J")
+        ax.axhline(0.5, color="0.8")
+        ax.set_ylim(-0.05, 1.05)
+        answers.finish(ax, "other need unmet", "share that gambles", "learned")
     have = [n for n in POWERS if f"spread-{n:.3g}" in done]
     if have:
         right.plot(have, [np.mean(done[f"spread-{n:.3g}"]) for n in have], "o", color=answers.OURS)

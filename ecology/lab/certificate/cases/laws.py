@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,6 +21,7 @@ from ecology.state import Ints
 ORDER = 40
 SEEDS, FEW, REPLICATES = 4, 8, 60  # worlds; bodies that drift; worlds of them in a part
 AT_POOL, LIVED = 12, 2_500
+WIDE = 36  # letters of a line beside the figure
 
 
 def competition(seed: int, ticks: int = 3_000) -> dict[str, float]:
@@ -134,6 +136,12 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     return found
 
 
+def _short(row: Row) -> str:
+    """Return what a row is about, without the formula."""
+    what = row.what.partition(":")[2] if row.what.startswith("commons") else row.what.partition(",")[0]
+    return f"commons: {what.strip()}" if row.what.startswith("commons") else what
+
+
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     ax = figure.add_subplot()
     rows = [row for row in _rows(done) if row.closed]
@@ -145,7 +153,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
         if between is not None and row.closed:
             ax.plot(np.array(between) / row.closed, [i, i], color=answers.OURS)
             ax.plot(np.array(row.ours) / row.closed, [i + 0.25] * len(row.ours), ".", color=answers.OURS, alpha=0.45)
-    ax.set_yticks(range(len(rows)), [row.what.partition(",")[0][:46] for row in rows], fontsize=7)
+    ax.set_yticks(range(len(rows)), [textwrap.fill(_short(row), WIDE) for row in rows], fontsize=7)
     answers.finish(ax, f"ours over the closed form ({answers.INTERVAL})", "")
 
 

@@ -197,6 +197,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
                 linestyle=look.line,
                 label="thresholds swing" if swing else "constant",
             )
+    left.set_ylim(0.0, 1.3 * UPPER)  # room for the legend
     answers.finish(left, "hours", "sleepiness S")
     x = np.linspace(min(STARTS), max(STARTS), 60) + MEAN * DUSK - NIGHT
     for meal, look in (("steady", answers.LEARNED), ("patchy", answers.PUBLISHED)):
