@@ -166,6 +166,8 @@ def eat(
     """Return what bodies ingest (N, V) and what leaves the stocks (R,); write each one's share into the deeds' u."""
     control = deeds.control
     ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
+    if not deeds.busy[1]:
+        return ingested, eaten
     orders = Orders(np.zeros(control.shape), np.zeros(model.size), model.nobody.copy())
     if order_meals(deeds, state.alive, seen.here, state.internal, model.body.proportional, model.dt, orders):
         if model.yields:
@@ -273,11 +275,6 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
 
 
 # ---- coming and going ----------------------------------------------------------------------
-
-
-def offered(stock: Floats, available: Bools) -> Bools:
-    """Return which resources can be consumed and gone to: available and not empty, (R,)."""
-    return available & (stock > 0)
 
 
 def appear(table: ResourceTable, available: Bools, units: int, rng: np.random.Generator) -> Bools:
