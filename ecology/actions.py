@@ -273,7 +273,7 @@ def hurry(model: Model, state: State, deeds: Deeds, factor: Floats) -> None:
 
 
 def whole_numbers(model: Model, actions: np.ndarray) -> Ints:
-    """Return the `actions` (N,) as 64-bit integers, or raise EcologyError where they are no whole numbers, one a slot."""
+    """Return the `actions` (N,) as 64-bit integers, or raise EcologyError where they are none."""
     if actions.shape != (model.size,) or actions.dtype.kind not in "iu":
         raise EcologyError(
             f"actions must be {model.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
