@@ -179,19 +179,16 @@ class Deeds(NamedTuple):
     way: Floats  # (N, 2) to the patch that a body goes to
     consumes: Ints  # (N,) resource, -1 without
     intake: Floats  # (N, V) the part of u that is taken out of a resource's stock, per unit of time
+    busy: Ints  # (2,) how many bodies go to a patch, and how many consume
 
 
 def no_deeds(n: int, needs: int) -> Deeds:
     """Return deeds to be written for n slots."""
+    empty = np.empty
     return Deeds(
-        control=np.empty((n, needs)),
-        speed=np.empty(n),
-        direction=np.empty(n),
-        closed=np.empty(n, bool),
-        way=np.empty((n, 2)),
-        consumes=np.empty(n, np.int64),
-        intake=np.empty((n, needs)),
-    )
+        empty((n, needs)), empty(n), empty(n), empty(n, bool), empty((n, 2)), empty(n, np.int64), empty((n, needs)),
+        np.zeros(2, np.int64),
+    )  # fmt: skip
 
 
 def decide(model: Model, state: State, seen: Perception, actions: np.ndarray, steering: Floats | None = None) -> Deeds:
@@ -201,16 +198,21 @@ def decide(model: Model, state: State, seen: Perception, actions: np.ndarray, st
     and not NaN, in place of its action's.
     """
     before = state.heading
-    chosen = checked_actions(model, state, actions)
+    chosen = whole_numbers(model, actions)
     deeds = no_deeds(*state.internal.shape)
     state.own("heading", "action", "hold", "bound_for")
-    bodies, going = state.bodies(), 0
+    bodies = state.bodies()
     for group, table in model.acting:
         mask = seen.masks[group.name]
-        going += apply_choices(group.slots.start, chosen, mask, seen.toward, model.dt, table.effects, bodies, deeds)
+        bad = apply_choices(group.slots.start, chosen, mask, seen.toward, model.dt, table.effects, bodies, deeds)
+        if bad >= 0:
+            raise EcologyError(
+                f"the action of {model.name_of(bad, state.serial)} must be a whole number from 0 to "
+                f"{model.choices[bad] - 1}, got {int(actions[bad])}."
+            )
         if table.drain is not None:
             deeds.control[group.slots] -= table.drain[state.action[group.slots]] * state.internal[group.slots]
-    if going:
+    if deeds.busy[0]:
         lead(bodies, state.resource_position, model.plane.period, model.dt, deeds.speed, deeds.direction, deeds.way)
     if (factor := pace(model, state)) is not None:
         hurry(model, state, deeds, factor)
@@ -270,19 +272,13 @@ def hurry(model: Model, state: State, deeds: Deeds, factor: Floats) -> None:
         speed[rows] = np.where(state.alive[rows], np.minimum(full, left[rows]), 0.0)
 
 
-def checked_actions(model: Model, state: State, actions: np.ndarray) -> Ints:
-    """Return the `actions` (N,), 0 in dead slots, or raise EcologyError for an unknown one."""
+def whole_numbers(model: Model, actions: np.ndarray) -> Ints:
+    """Return the `actions` (N,) as 64-bit integers, or raise EcologyError where they are none."""
     if actions.shape != (model.size,) or actions.dtype.kind not in "iu":
         raise EcologyError(
             f"actions must be {model.size} whole numbers, one a slot, got {actions.dtype} {actions.shape}."
         )
-    found, bad = known_choices(state.alive, actions.astype(np.int64, copy=False), model.choices)
-    if bad >= 0:
-        raise EcologyError(
-            f"the action of {model.name_of(bad, state.serial)} must be a whole number from 0 to "
-            f"{model.choices[bad] - 1}, got {int(actions[bad])}."
-        )
-    return found
+    return actions.astype(np.int64, copy=False)
 
 
 def open_actions(
@@ -334,35 +330,21 @@ def close_uncued(model: Model, state: State, masks: dict[str, Bools]) -> None:
 
 
 @compiled
-def known_choices(alive: Bools, actions: Ints, counts: Ints) -> tuple[Ints, int]:
-    """Return the `actions` (N,) of the living, 0 of the dead, and the first slot whose is none of its `counts` (N,).
-
-    -1 where all are known.
-    """
-    found, unknown = np.zeros(len(actions), np.int64), -1
-    for i in range(len(actions)):
-        if alive[i]:
-            found[i] = actions[i]
-            if unknown < 0 and (actions[i] < 0 or actions[i] >= counts[i]):
-                unknown = i
-    return found, unknown
-
-
-@compiled
 def apply_choices(
     first: int, chosen: Ints, mask: Bools, toward: Ints, dt: float, effects: Effects, bodies: Bodies, deeds: Deeds
 ) -> int:
-    """Write what n slots of one species, from `first` on, do, and return how many go to a patch.
+    """Write what n slots of one species, from `first` on, do; return the first slot that has no such action, or -1.
 
     `chosen` (N,) are actions, of which the `mask` (n, A) lets some be; `toward` (N, K) are the patches that a go_to
     leads to. Written, by slot: hold, action, heading and bound_for of the bodies, and the deeds, but for the ways to
-    patches.
+    patches. Those who are busy are added up.
     """
-    going = 0
     alive, heading = bodies.alive, bodies.heading
     for row in range(len(mask)):
         i = first + row
-        a = chosen[i]
+        a = chosen[i] if alive[i] else 0
+        if a < 0 or a >= mask.shape[1]:
+            return i
         open_ = mask[row, a]
         deeds.closed[i] = alive[i] and not open_
         if not open_:  # rest where it is open, else what the body is held to: a sleep, a committed go_to
@@ -380,13 +362,14 @@ def apply_choices(
         if effects.duration[a] > 0 and not effects.bites[a] and bodies.hold[i] <= 0:
             bodies.hold[i] = effects.duration[a]
         deeds.speed[i] = effects.speed[a]
+        deeds.busy[1] += effects.consumes[a] >= 0
         if effects.goes_to[a] >= 0:
             bodies.bound_for[i] = toward[i, effects.goes_to[a]]
-            going += 1
+            deeds.busy[0] += 1
         else:
             heading[i] = (heading[i] + effects.turn[a] * dt + math.pi) % (2 * math.pi) - math.pi
         deeds.direction[i] = heading[i] if np.isnan(effects.direction[a]) else effects.direction[a]
-    return going
+    return -1
 
 
 @compiled

@@ -123,6 +123,19 @@ def logarithm(x: float) -> float:
     return k * LN2_HIGH - ((half - (s * (half + r) + k * LN2_LOW)) - f)
 
 
+@compiled
+def exponential_less_one(x: float) -> float:
+    """Return e^x - 1, without loss for a small x (Kahan)."""
+    if abs(x) < 1e-300:
+        return x
+    u = exponential(x)
+    if u == 1.0:
+        return x
+    if u == 0.0 or u == np.inf:
+        return u - 1.0
+    return (u - 1.0) * (x / logarithm(u))
+
+
 # ---- the same of arrays ------------------------------------------------------------------------
 
 
@@ -152,15 +165,8 @@ def exp(x):  # type: ignore[no-untyped-def]
 
 @numba.vectorize(cache=True)
 def expm1(x):  # type: ignore[no-untyped-def]
-    """Return e^x - 1, without loss for a small x (Kahan)."""
-    if abs(x) < 1e-300:
-        return x
-    u = exponential(x)
-    if u == 1.0:
-        return x
-    if u == 0.0 or u == np.inf:
-        return u - 1.0
-    return (u - 1.0) * (x / logarithm(u))
+    """Return e^x - 1, without loss for a small x."""
+    return exponential_less_one(x)
 
 
 @numba.vectorize(cache=True)

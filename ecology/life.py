@@ -44,6 +44,8 @@ def reproduce(model: Model, state: State, free: Bools, met: Met, rng: np.random.
     Those of fit parents come first, then newcomers, then those that the rule brought about in `met`, while slots last.
     """
     born, parent = np.zeros(model.size, bool), model.nobody.copy()
+    if not model.grows:
+        return born, parent
     if model.mates:
         state.partner = model.nobody.copy()
     for group, species in model.species:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pymunk
@@ -36,7 +36,14 @@ NOWHERE = np.empty((0, 2))
 BENDS, ASIDE = 4, 0.5
 MOVE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
 COMMAND = MOVE | pymunk.batch.BodyFields.FORCE
-SOLVER = ("space", "shapes", "_buffer", "_command", "_step")  # attributes that exist once bodies have moved
+SOLVER = ("space", "shapes", "_buffer", "_command", "_moved", "_step")  # attributes that exist once bodies have moved
+
+
+class Hulls(NamedTuple):
+    """What keeps bodies inside: the walls, and how far from their centres bodies reach."""
+
+    walls: Walls
+    radius: Floats  # (N,)
 
 
 class Physics:
@@ -64,7 +71,7 @@ class Physics:
         self.plane = ground.plane
         self.count = len(radius)
         self.smallest = smallest if smallest is not None else float(radius.min()) if self.count else 1.0
-        self._walls = NO_WALLS if ground.torus else ground.walls
+        self._hulls = Hulls(NO_WALLS if ground.torus else ground.walls, radius)
         thick = None if ground.torus else thickened(ground.polygon, WALL, ROUNDED * self.smallest)
         self._rings, self._thick = (list(ground.rings), 0.0) if thick is None else (thick, WALL)
         self.touches = not ground.torus or bool(solid.any())
@@ -73,7 +80,7 @@ class Physics:
     def resize(self, radius: Floats, position: Floats, alive: Bools) -> None:
         """Give bodies other radii (N,), where they are; if any is another, what was remembered of contacts is gone."""
         if (radius != self.radius).any():
-            self.radius = radius
+            self.radius, self._hulls = radius, self._hulls._replace(radius=radius)
             self._start(position, alive)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -107,9 +114,11 @@ class Physics:
                 wall.filter = pymunk.ShapeFilter(categories=WALLS)
                 self.space.add(wall)
         # one row per body and one, the last, for the static body that carries the walls
-        self._rows = self.count + (not self.ground.torus)
-        self._command = np.zeros((self._rows, 6))
+        rows = self.count + (not self.ground.torus)
+        self._command = np.zeros((rows, 6))
+        self._moved = self._command.reshape(-1)[: 4 * rows].reshape(rows, 4)  # the solver answers in the same memory
         self._buffer = pymunk.batch.Buffer()
+        self._buffer.set_float_buf(self._command)
         self._touch(np.arange(self.count), self._alive)
 
     def _touch(self, slots: np.ndarray, alive: Bools) -> None:
@@ -140,11 +149,12 @@ class Physics:
         return self.plane.home(after), held
 
     def _solve(self, position: Floats, velocity: Floats, alive: Bools, dt: float) -> tuple[Floats, int]:
-        changed = np.flatnonzero(alive != self._alive)
-        if changed.size:
+        if alive.tobytes() != self._alive.tobytes():
+            changed = np.flatnonzero(alive != self._alive)
             self._touch(changed, alive[changed])
             self._alive = alive.copy()
-        substeps = max(1, math.ceil(fastest(velocity) * dt / self.smallest - 1e-9))
+        # damping has removed the velocities of the tick before
+        substeps = command_bodies(self._command, position, velocity, dt, self.smallest)
         h = dt / substeps
         buffer, space = self._buffer, self.space
         if h != self._step:  # a fifth of an overlap goes in one unit of time; more throws crowds about
@@ -153,15 +163,14 @@ class Physics:
         seen = position.copy() if substeps > 1 else NOWHERE
         bends = self._thick == 0 or substeps == 1
         for left in range(substeps - 1, -1, -1):
-            command_bodies(self._command, after, velocity, h)  # damping has removed the velocity before
-            buffer.set_float_buf(self._command)
             pymunk.batch.set_space_bodies(space, COMMAND, buffer)
             space.step(h)
             buffer.clear()
             pymunk.batch.get_space_bodies(space, MOVE, buffer)
-            moved = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)
-            before, after = after, advance_bodies(moved, self.count, h)
-            held += glide(after, self._walls, self.radius, position, before, seen, bends, left == 0)
+            after, put_back = glide(self._moved, h, self._hulls, position, after, seen, bends, left == 0)
+            held += put_back
+            if left:
+                command_bodies(self._command, after, velocity, dt, self.smallest)
         return after, held
 
     def memory(self) -> dict[str, np.ndarray]:
@@ -204,21 +213,19 @@ def fastest(velocity: Floats) -> float:
 
 
 @compiled
-def command_bodies(command: Floats, position: Floats, velocity: Floats, h: float) -> None:
-    """Write position, no velocity and the force that gives unit masses their `velocity` (n, 2) in h, (>= n, 6)."""
+def command_bodies(command: Floats, position: Floats, velocity: Floats, dt: float, smallest: float) -> int:
+    """Write what bodies are told for a substep, (>= n, 6), and return how many substeps dt is divided into.
+
+    They are told their position, no velocity, and the force that gives unit masses their `velocity` (n, 2) in a
+    substep. In one, nobody moves farther than the `smallest` radius.
+    """
+    substeps = max(1, math.ceil(fastest(velocity) * dt / smallest - 1e-9))
+    h = dt / substeps
     for i in range(len(position)):
         command[i, 0], command[i, 1] = position[i, 0], position[i, 1]
         command[i, 2], command[i, 3] = 0.0, 0.0
         command[i, 4], command[i, 5] = velocity[i, 0] / h, velocity[i, 1] / h
-
-
-@compiled
-def advance_bodies(moved: Floats, n: int, h: float) -> Floats:
-    """Return the positions of n bodies of rows (>= n, 4), position and velocity, after h, (n, 2)."""
-    found = np.empty((n, 2))
-    for i in range(n):
-        found[i, 0], found[i, 1] = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
-    return found
+    return substeps
 
 
 @within
@@ -247,15 +254,18 @@ def _bend(walls: Walls, radius: float, ax: float, ay: float, bx: float, by: floa
 
 @compiled
 def glide(
-    there: Floats, walls: Walls, radius: Floats, here: Floats, before: Floats, seen: Floats, bends: bool, last: bool
-) -> int:
-    """Correct where n bodies are `there` (n, 2) after a substep, and return how many are held.
+    moved: Floats, h: float, hulls: Hulls, here: Floats, before: Floats, seen: Floats, bends: bool, last: bool
+) -> tuple[Floats, int]:
+    """Return where n bodies are after a substep of h, (n, 2), and how many of them are held.
 
-    A way from `before` (n, 2) that leaves the arena `bends` along the wall, or is not gone. After the `last` substep,
-    neither does the straight way from `here` (n, 2), where the tick began: a body then ends where it was last `seen`
-    (n, 2) from there, which is written. Held are those whose way was changed.
+    The solver returns `moved` (>= n, 4), position and velocity. A way from `before` (n, 2) that leaves the arena
+    `bends` along the wall, or is not gone. After the `last` substep, neither does the straight way from `here` (n, 2),
+    where the tick began: a body then ends where it was last `seen` (n, 2) from there, which is written. Held are those
+    whose way was changed.
     """
+    walls, radius = hulls
     start, end = walls.start, walls.end
+    there = np.empty(here.shape)
     held, several = 0, not (bends and last)
     boxes = np.empty((4, len(end)))  # of the walls
     for w in range(len(end)):
@@ -264,12 +274,13 @@ def glide(
             boxes[2 + k, w] = max(end[w, k], start[w, k])
     for i in range(len(there)):
         ax, ay, sx, sy = before[i, 0], before[i, 1], here[i, 0], here[i, 1]
-        bx, by = there[i, 0], there[i, 1]
+        bx, by = moved[i, 0] + moved[i, 2] * h, moved[i, 1] + moved[i, 3] * h
         low_x, high_x, low_y, high_y = min(ax, bx, sx), max(ax, bx, sx), min(ay, by, sy), max(ay, by, sy)
         near = 0
         for w in range(len(end)):  # no branches: most bodies are near no wall
             near += (boxes[0, w] <= high_x) & (boxes[1, w] <= high_y) & (boxes[2, w] >= low_x) & (boxes[3, w] >= low_y)
         if near == 0 or (bx == sx and by == sy):
+            there[i, 0], there[i, 1] = bx, by
             if several:
                 seen[i, 0], seen[i, 1] = bx, by
             continue
@@ -284,4 +295,4 @@ def glide(
                 bx, by = seen[i, 0], seen[i, 1]
         there[i, 0], there[i, 1] = bx, by
         held += changed
-    return held
+    return there, held

@@ -36,11 +36,13 @@ class Form(NamedTuple):
 
 
 class Ledger(NamedTuple):
-    """What went through each need, (n, V), in a tick and since birth."""
+    """What went through each need of n bodies, and how time passes for them."""
 
-    taken: Floats  # from outside, in this tick
-    metabolised: Floats  # since birth
-    lost: Floats  # at the bounds, since birth
+    taken: Floats  # (n, V) from outside, in this tick
+    metabolised: Floats  # (n, V) since birth
+    lost: Floats  # (n, V) at the bounds, since birth
+    age: Floats  # (n,)
+    hold: Floats  # (n,) time for which an action still immobilises
 
 
 @dataclass(frozen=True)
@@ -246,11 +248,10 @@ def commit(model: Model, state: State, internal: Floats, taken: Floats, died: Bo
     `taken` (N, V) came from outside in the tick; agents that `died` (N,) keep what they had before it.
     """
     state.own("metabolised", "lost", "age", "hold")
-    ledger = Ledger(taken, state.metabolised, state.lost)
+    ledger = Ledger(taken, state.metabolised, state.lost, state.age, state.hold)
     state.internal, state.alive = settle(
-        state.alive, died, state.internal, internal, model.body.low, model.body.high, ledger
+        state.alive, died, state.internal, internal, model.body.low, model.body.high, ledger, model.dt
     )
-    pass_time(state.alive, state.age, state.hold, model.dt)
 
 
 def clamp(body: Body, internal: Floats) -> Floats:
@@ -276,14 +277,15 @@ def _beyond(body: Body, internal: Floats) -> Bools:
 
 @compiled
 def settle(
-    alive: Bools, died: Bools, before: Floats, after: Floats, low: Floats, high: Floats, ledger: Ledger
+    alive: Bools, died: Bools, before: Floats, after: Floats, low: Floats, high: Floats, ledger: Ledger, dt: float
 ) -> tuple[Floats, Bools]:
     """Return x (N, V) kept within its bounds, the organism's automatic regulation, and which agents survive (N,).
 
     x went from `before` to `after` by f and g and what was taken from outside. One that dies, or is dead, keeps what it
-    was before. The ledger of those that were alive is kept: before + taken - metabolised - lost = x.
+    was before. The ledger of those that were alive is kept: before + taken - metabolised - lost = x. Survivors grow
+    older by dt, and what immobilises bodies wears off.
     """
-    taken, metabolised, lost = ledger
+    taken, metabolised, lost, age, hold = ledger
     kept, lives = before.copy(), np.empty(len(alive), np.bool_)
     for i in range(len(alive)):
         lives[i] = alive[i] and not died[i]
@@ -293,13 +295,7 @@ def settle(
                     kept[i, v] = min(max(after[i, v], low[i, v]), high[i, v])
                 metabolised[i, v] += before[i, v] + taken[i, v] - after[i, v]
                 lost[i, v] += after[i, v] - kept[i, v]
-    return kept, lives
-
-
-@compiled
-def pass_time(lives: Bools, age: Floats, hold: Floats, dt: float) -> None:
-    """Let bodies grow older by dt, and what immobilises them wear off."""
-    for i in range(len(lives)):
         if lives[i]:
             age[i] += dt
         hold[i] = max(hold[i] - dt, 0.0) if hold[i] > 1.5 * dt else 0.0
+    return kept, lives

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from ecology import elementary
 from ecology.actions import Deeds
 from ecology.compiler_cache import compiled, use_cache
+from ecology.elementary import cosine_and_sine, exponential, exponential_less_one
 from ecology.ground import Ground, scatter_in
 from ecology.ground.outline import polygon_of
 from ecology.spec import Arena, Drift, Growth, Oscillation, Relocation, Resource, Season, Species
@@ -24,9 +26,22 @@ if TYPE_CHECKING:
     from ecology.model import Model
     from ecology.senses import Perception
 
-use_cache(__file__)
+use_cache(__file__, elementary.__file__)
 
 CRUMB = 1e-9  # share of a stock; who asks for all but a crumb gets the crumb too, so that it is empty
+
+
+class Growing(NamedTuple):
+    """How stocks grow: columns of `ResourceTable`."""
+
+    capacity: Floats
+    linear: Floats
+    logistic: Floats
+    exponential: Floats
+    amplitude: Floats
+    frequency: Floats
+    phase: Floats
+    gone_below: Floats
 
 
 @dataclass(frozen=True)
@@ -53,11 +68,16 @@ class ResourceTable:
     drifts: Ints  # (D,) resources that drift
     spread: Floats  # (D,) length per square root of a unit of time
     relocates: Bools  # (R,)
-    gone_below: Floats | None  # (R,) stock at which a patch is gone, -1 where it stays; None: all stay
-    seasonal: bool  # whether any growth has a season
+    gone_below: Floats  # (R,) stock at which a patch is gone, -1 where it stays
+    relocating: bool  # whether any relocates
     finite: bool  # whether any stock can be short
     uncertain: bool  # whether any is not always available
     constant: bool  # whether all are unlimited, always available and stay where they are
+
+    @cached_property
+    def growing(self) -> Growing:
+        """Return how stocks grow."""
+        return Growing(*(getattr(self, name) for name in Growing._fields))
 
 
 def compile_resources(resources: Sequence[Resource], arena: Arena, everyone: Sequence[Species] = ()) -> ResourceTable:
@@ -100,10 +120,8 @@ def compile_resources(resources: Sequence[Resource], arena: Arena, everyone: Seq
         drifts=np.array([i for i, _ in drifts], np.int64),
         spread=np.array([m.spread for _, m in drifts], float),
         relocates=np.array([isinstance(r.motion, Relocation) for r in resources], bool),
-        gone_below=np.array([-1.0 if r.gone_below is None else r.gone_below for r in resources], float)
-        if any(r.gone_below is not None for r in resources)
-        else None,
-        seasonal=any(r.growth is not None and r.growth.season is not None for r in resources),
+        gone_below=np.array([-1.0 if r.gone_below is None else r.gone_below for r in resources], float),
+        relocating=any(isinstance(r.motion, Relocation) for r in resources),
         finite=finite,
         uncertain=uncertain,
         constant=not (finite or uncertain or swings or drifts),
@@ -166,6 +184,8 @@ def eat(
     """Return what bodies ingest (N, V) and what leaves the stocks (R,); write each one's share into the deeds' u."""
     control = deeds.control
     ingested, eaten = np.zeros(control.shape), np.zeros(len(state.stock))
+    if not deeds.busy[1]:
+        return ingested, eaten
     orders = Orders(np.zeros(control.shape), np.zeros(model.size), model.nobody.copy())
     if order_meals(deeds, state.alive, seen.here, state.internal, model.body.proportional, model.dt, orders):
         if model.yields:
@@ -216,18 +236,19 @@ def renew(model: Model, state: State, eaten: Floats, rng: Mapping[str, np.random
     if table.constant:
         state.grown = state.eaten
         return
-    emptied = np.isfinite(state.stock) & (eaten > 0) & (state.stock - eaten <= 0)
     stock, grown = regrow(table, state.stock, eaten, state.time, dt)
     until = (state.tick + 1) * dt
     places = swing(table, state.resource_position, until)
     places = drift(table, model.ground, places, dt, rng["motion"])
-    places, gone = relocate(table, places, emptied, rng["motion"])
-    grown[gone] += table.stock[gone] - stock[gone]
-    stock[gone] = table.stock[gone]
-    if gone.any():  # an agent on its way there does not know where the patch went
-        state.own("bound_for")
-        bound = np.flatnonzero(state.bound_for >= 0)
-        state.bound_for[bound[gone[state.bound_for[bound]]]] = -1
+    if table.relocating:
+        emptied = np.isfinite(state.stock) & (eaten > 0) & (state.stock - eaten <= 0)
+        places, gone = relocate(table, places, emptied, rng["motion"])
+        grown[gone] += table.stock[gone] - stock[gone]
+        stock[gone] = table.stock[gone]
+        if gone.any():  # an agent on its way there does not know where the patch went
+            state.own("bound_for")
+            bound = np.flatnonzero(state.bound_for >= 0)
+            state.bound_for[bound[gone[state.bound_for[bound]]]] = -1
     state.stock, state.grown, state.resource_position = stock, state.grown + grown, places
     if table.uncertain:
         units = whole_units(until) - whole_units(state.time)
@@ -237,15 +258,6 @@ def renew(model: Model, state: State, eaten: Floats, rng: Mapping[str, np.random
 # ---- growing -------------------------------------------------------------------------------
 
 
-def season_time(table: ResourceTable, time: float, dt: float) -> Floats:
-    """Return the integral of 1 + amplitude sin(2 pi t / period + phase) from `time` over dt, (R,)."""
-    if not table.seasonal:
-        return np.full(len(table.kind), dt)
-    angle = table.frequency * time + table.phase
-    wave = elementary.cos(angle) - elementary.cos(angle + table.frequency * dt)
-    return dt + np.divide(table.amplitude * wave, table.frequency, out=np.zeros_like(wave), where=table.frequency > 0)
-
-
 def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: float) -> tuple[Floats, Floats]:
     """Return the stock after a tick in which `eaten` was eaten, and what has grown, both (R,).
 
@@ -253,31 +265,10 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
     capacity; a stock that is eaten up stays empty but in the linear kind. An unlimited stock stays unlimited: as
     much grows as is eaten.
     """
-    span = season_time(table, time, dt)
-    grown = table.linear * span
-    logistic = np.flatnonzero((table.logistic > 0) & (stock > eaten))  # what is eaten up has no seed left
-    if logistic.size:
-        s, k = stock[logistic], table.capacity[logistic]
-        rate = table.logistic[logistic] * span[logistic]
-        grown[logistic] = s * (k - s) * -elementary.expm1(-rate) / (s + (k - s) * elementary.exp(-rate))
-    exponential = np.flatnonzero((table.exponential > 0) & (stock > eaten))
-    if exponential.size:
-        rate = np.minimum(table.exponential[exponential] * span[exponential], 600.0)  # e^600 fills any stock
-        grown[exponential] = stock[exponential] * elementary.expm1(rate)
-    if table.gone_below is not None:
-        grown[stock - eaten <= table.gone_below] = 0.0  # nothing grows on what is gone
-    finite = np.isfinite(stock)
-    left = np.where(finite, stock - eaten, 0.0)  # not negative: a share is at most the stock
-    grown = np.where(finite, np.minimum(grown, table.capacity - left), eaten)
-    return np.where(finite, left + grown, stock), grown
+    return grow_stocks(table.growing, stock, eaten, time, dt)
 
 
 # ---- coming and going ----------------------------------------------------------------------
-
-
-def offered(stock: Floats, available: Bools) -> Bools:
-    """Return which resources can be consumed and gone to: available and not empty, (R,)."""
-    return available & (stock > 0)
 
 
 def appear(table: ResourceTable, available: Bools, units: int, rng: np.random.Generator) -> Bools:
@@ -346,6 +337,34 @@ def relocate(table: ResourceTable, places: Floats, emptied: Bools, rng: np.rando
 
 
 # ---- compiled loops ----------------------------------------------------------------------------
+
+
+@compiled
+def grow_stocks(growing: Growing, stock: Floats, eaten: Floats, time: float, dt: float) -> tuple[Floats, Floats]:
+    """Return the stock (R,) after a tick in which `eaten` (R,) was eaten, and what has grown (R,): see `regrow`."""
+    capacity, linear, logistic, exponential_, amplitude, frequency, phase, gone_below = growing
+    after, grown = stock.copy(), eaten.copy()
+    for r in range(len(stock)):
+        if not np.isfinite(stock[r]):
+            continue
+        span = dt  # the integral of 1 + amplitude sin(2 pi t / period + phase) over the tick
+        if frequency[r] > 0:
+            angle = frequency[r] * time + phase[r]
+            wave = cosine_and_sine(angle)[0] - cosine_and_sine(angle + frequency[r] * dt)[0]
+            span = dt + amplitude[r] * wave / frequency[r]
+        more = linear[r] * span
+        s, k = stock[r], capacity[r]
+        if logistic[r] > 0 and s > eaten[r]:  # what is eaten up has no seed left
+            rate = logistic[r] * span
+            more = s * (k - s) * -exponential_less_one(-rate) / (s + (k - s) * exponential(-rate))
+        if exponential_[r] > 0 and s > eaten[r]:
+            more = s * exponential_less_one(min(exponential_[r] * span, 600.0))  # e^600 fills any stock
+        left = s - eaten[r]  # not negative: a share is at most the stock
+        if left <= gone_below[r]:
+            more = 0.0  # nothing grows on what is gone
+        grown[r] = min(more, k - left)
+        after[r] = left + grown[r]
+    return after, grown
 
 
 @compiled

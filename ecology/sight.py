@@ -36,6 +36,16 @@ class Eyes(NamedTuple):
         return in_view(self, pairs, position, heading, looks)
 
 
+class Places(NamedTuple):
+    """Where R patches of resources are, and whether they can be consumed and gone to: available and not empty."""
+
+    position: Floats  # (R, 2)
+    radius: Floats  # (R,)
+    kind: Ints  # (R,) resource
+    stock: Floats  # (R,)
+    available: Bools  # (R,)
+
+
 def hiding(ground: Ground) -> Walls:
     """Return the walls that can come between two points: none where the arena is open."""
     return NO_WALLS if ground.open else ground.walls
@@ -62,16 +72,15 @@ def eyes_now(model: Model, state: State) -> Eyes:
     return model.eyes._replace(range=far * (share if state.sight is None else share * state.sight))
 
 
-def find_patches(
-    model: Model, state: State, eyes: Eyes, bodies: Bodies, offered: Bools
-) -> tuple[Bools, Bools, Ints, Ints, Ints]:
+def find_patches(model: Model, state: State, eyes: Eyes, bodies: Bodies) -> tuple[Bools, Ints]:
     """Return where the patches are from each body; see `around`.
 
-    A patch is seen within the angle and the range of the view field, with no wall between. `offered` (R,) are patches
-    that can be consumed. An agent that has arrived at a patch is bound for it no more, which is written to `bodies`.
+    A patch is seen within the angle and the range of the view field, with no wall between. An agent that has arrived at
+    a patch is bound for it no more, which is written to `bodies`.
     """
-    table, kinds, period = model.resources, len(model.scenario.resources), model.plane.period
-    return around(eyes, bodies, state.resource_position, table.radius, table.kind, offered, kinds, period)
+    table = model.resources
+    places = Places(state.resource_position, table.radius, table.kind, state.stock, state.available)
+    return around(eyes, bodies, places, len(model.scenario.resources), model.plane.period)
 
 
 # ---- compiled loops ----------------------------------------------------------------------------
@@ -122,25 +131,23 @@ def in_view(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: 
 def around(
     eyes: Eyes,
     bodies: Bodies,
-    place: Floats,
-    radius: Floats,
-    kind: Ints,
-    offered: Bools,
+    places: Places,
     kinds: int,
     period: Floats,
-) -> tuple[Bools, Bools, Ints, Ints, Ints]:
-    """Return what n bodies have of R patches around them, at a `place` (R, 2), of K `kinds` of resources.
+) -> tuple[Bools, Ints]:
+    """Return what n bodies have of R patches around them, of K `kinds` of resources.
 
-    Inside which circle each is and which it sees, (n, R); for each resource the nearest patch of those `offered`, -1
-    without: `here`, in whose circle it is, `toward`, that it sees or is bound for while it is in none, and `glimpse`,
-    that it sees or is in, (n, K). Who has arrived is bound for nothing more, which is written. The plane begins again
-    after its `period` (2,).
+    Inside which circle each is and which it sees, (2, n, R); for each resource the nearest patch of those that can be
+    consumed, -1 without: `here`, in whose circle it is, `toward`, that it sees or is bound for while it is in none, and
+    `glimpse`, that it sees or is in, (3, n, K). Who has arrived is bound for nothing more, which is written. The plane
+    begins again after its `period` (2,).
     """
     half_angle, range_, looks, walls = eyes
+    place, radius, kind, stock, available = places
     alive, position, heading, bound_for = bodies.alive, bodies.position, bodies.heading, bodies.bound_for
     n, count = len(position), len(place)
-    inside, seen = np.zeros((n, count), np.bool_), np.zeros((n, count), np.bool_)
-    here, toward, glimpse = np.full((n, kinds), -1), np.full((n, kinds), -1), np.full((n, kinds), -1)
+    reached, nearest = np.zeros((2, n, count), np.bool_), np.full((3, n, kinds), -1)
+    (inside, seen), (here, toward, glimpse) = (reached[0], reached[1]), (nearest[0], nearest[1], nearest[2])
     near, far, any_ = np.empty(kinds), np.empty(kinds), np.empty(kinds)
     some_walls = np.empty(len(walls.start), np.int64)
     for i in range(n):
@@ -163,7 +170,7 @@ def around(
             bound = bound_for[i] == r
             if bound and contains:
                 bound_for[i] = -1
-            if not offered[r]:
+            if not (available[r] and stock[r] > 0):
                 continue
             k = kind[r]
             if contains and d < near[k]:
@@ -175,7 +182,7 @@ def around(
         for k in range(kinds):
             if here[i, k] >= 0:  # who stands in a patch has arrived
                 toward[i, k] = -1
-    return inside, seen, here, toward, glimpse
+    return reached, nearest
 
 
 @compiled

@@ -168,9 +168,11 @@ class ArrayWorld:
         self.perception = self._perceive(state, seen.pairs)
         self._sense(state)
         self._state = state
-        reward = np.where(born, 0.0, before.drive - state.drive)
+        reward = before.drive - state.drive
+        if model.grows:
+            reward = np.where(born, 0.0, reward)
         tick = self._observe(reward, died, deeds.closed, born, parent, killer)
-        dead = bool(died.any())
+        dead = model.mortal and bool(died.any())
         if dead or (model.grows and born.any()):
             self.turnover += 1
         if dead:
@@ -180,10 +182,11 @@ class ArrayWorld:
     def _perceive(self, state: State, last: neighbours.Pairs | None) -> Perception:
         """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
         model = self.model
-        offered, eyes = resources.offered(state.stock, state.available), sight.eyes_now(model, state)
+        eyes = sight.eyes_now(model, state)
         state.own("bound_for")
         bodies = state.bodies()
-        state.inside, state.seen, here, toward, nearest_patch = sight.find_patches(model, state, eyes, bodies, offered)
+        reached, patches = sight.find_patches(model, state, eyes, bodies)
+        state.inside, state.seen, here, toward = reached[0], reached[1], patches[0], patches[1]
         if model.appearing is not None and model.appearing.comes:
             there = ~appearing.absent(model, state.stock)
             state.inside, state.seen = state.inside & there, state.seen & there
@@ -192,7 +195,7 @@ class ArrayWorld:
         empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, bodies, here, toward, targets)
         hauling.close_actions(model, state, here, masks)
-        return Perception(here, toward, nearest_patch, pairs, targets, masks, eyes)
+        return Perception(here, toward, patches[2], pairs, targets, masks, eyes)
 
     def _sense(self, state: State) -> None:
         """Draw what faulty senses read in this tick, and let memories fade and take up what is sensed."""
@@ -211,8 +214,8 @@ class ArrayWorld:
     ) -> Tick:
         """Return what the agents perceive."""
         model, state, seen = self.model, self.state, self.perception
-        none = np.zeros(model.size, bool)
-        return Tick(
+        tick = object.__new__(Tick)  # a frozen dataclass sets its fields one by one, which takes microseconds
+        tick.__dict__.update(
             observations={
                 name: senses.observe(model, gaze, state, seen)
                 for name, gaze in zip(model.groups, model.gazes, strict=True)
@@ -221,13 +224,14 @@ class ArrayWorld:
             reward=reward,
             drive=state.drive,
             alive=state.alive,
-            died=none if died is None else died,
-            born=none if born is None else born,
+            died=np.zeros(model.size, bool) if died is None else died,
+            born=np.zeros(model.size, bool) if born is None else born,
             parent=model.nobody.copy() if parent is None else parent,
             killer=model.nobody.copy() if killer is None or killer is model.nobody else killer,
-            closed=none if closed is None else closed,
+            closed=np.zeros(model.size, bool) if closed is None else closed,
             action=state.action.copy(),
         )
+        return tick
 
     def _fit(self, state: State) -> None:
         """Take the walls that go with the doors of `state`, and a solver that knows them."""
