@@ -22,19 +22,19 @@ from ecology.agents.baselines import Greedy, QValue, Random, Rest
 from ecology.agents.lives import (
     EPSILON,
     WINDOW,
-    Diary,
     Life,
+    LifeRecorder,
     check_fits,
     company,
     drive_series,
+    find_regulation,
     fresh_life,
     interval,
     live,
-    regulated_from,
     sinks,
     worst_block,
 )
-from ecology.agents.planner import Camping, Exploring, Paths, Planner, served
+from ecology.agents.planner import Camping, Exploring, Paths, Planner, service_of
 from ecology.ground import scatter, wrap
 from ecology.observers.maps import Grid, cover, deviation_maps, mapped_needs
 from ecology.physiology import set_points
@@ -108,7 +108,7 @@ def serving(scenario: Scenario, table: ActionTable) -> dict[int, int]:
     """Return the resource that serves each need, by index: the one whose consumption raises it most."""
     found: dict[int, tuple[float, int]] = {}
     for resource in range(len(scenario.resources)):
-        need, act = served(table, resource)
+        need, act = service_of(table, resource)
         if need >= 0 and table.control[act, need] > found.get(need, (0.0, -1))[0]:
             found[need] = (float(table.control[act, need]), resource)
     return {need: resource for need, (_, resource) in found.items()}
@@ -177,7 +177,7 @@ def maps_report(maps: Maps, scenario: Scenario, group: Group) -> dict[str, Any]:
 # ---- the probe ---------------------------------------------------------------------------
 
 
-def put(env: Ecology, group: Group, position: Floats, heading: Floats, internal: Floats) -> Tick:
+def place_group(env: Ecology, group: Group, position: Floats, heading: Floats, internal: Floats) -> Tick:
     """Put the n agents of `group` at `position` (n, 2), `heading` (n,), x `internal` (n, V), at leisure."""
     now = env.state_view
     fields = {"position": position, "heading": heading, "internal": internal}
@@ -190,7 +190,7 @@ def put(env: Ecology, group: Group, position: Floats, heading: Floats, internal:
             whole[name][group.slots, : value.shape[1]] = value
         else:
             whole[name][group.slots] = value
-    return env.put(**whole)
+    return env.set_state(**whole)
 
 
 def probe(
@@ -218,7 +218,7 @@ def probe(
             internal = np.tile([each.x0 for each in species.needs], (n, 1))
             internal[:, need] = species.needs[need].low
             heading = rng.uniform(-np.pi, np.pi, n)
-            tick = put(env, group, scatter(scenario.arena, species.radius, n, rng), heading, internal)
+            tick = place_group(env, group, scatter(scenario.arena, species.radius, n, rng), heading, internal)
             first, after = first_meals(env, learner, tick, table, limit)
             eaten += first.tolist()
             waited += after[first == serves[need]].tolist()
@@ -235,15 +235,15 @@ def probe(
 
 def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, limit: int) -> tuple[Ints, Ints]:
     """Return the resource that each agent eats first, -1 without, and after how many ticks, both (n,)."""
-    diary = Diary(learner.group, tick, env.state_view.position)
+    recorder = LifeRecorder(learner.group, tick, env.state_view.position)
     learner.begin()
     acting = company(env, learner)
     while True:
-        meals = table.consumes[diary.actions()]  # (t, n)
+        meals = table.consumes[recorder.actions()]  # (t, n)
         fed: Bools = np.any(meals >= 0, axis=0)
         if fed.all() or len(meals) >= limit:
             break
-        tick = loop.advance(env, acting, tick, min(PATIENCE, limit - len(meals)), [diary])
+        tick = loop.advance(env, acting, tick, min(PATIENCE, limit - len(meals)), [recorder])
     when = (meals >= 0).argmax(axis=0)
     return np.where(fed, meals[when, np.arange(len(fed))], -1), when
 
@@ -270,7 +270,7 @@ class DeviationCheck:
         }
 
 
-def discounted(drive: Floats, gamma: float, dt: float) -> Floats:
+def discount(drive: Floats, gamma: float, dt: float) -> Floats:
     """Return -ln(gamma) int gamma^(s-t) d(s) ds from each tick on, (T,), the last drive lasting for ever."""
     keep = gamma**dt
     ahead = np.array(drive, float)
@@ -300,7 +300,7 @@ def compare_deviation(
     for life, slot, first in lives:
         last = len(life.drive) - horizon(gamma, learner.group.dt)
         stays = np.flatnonzero(life.alive[:, slot].cumprod())
-        ahead = discounted(life.drive[: len(stays), slot], gamma, learner.group.dt)
+        ahead = discount(life.drive[: len(stays), slot], gamma, learner.group.dt)
         at = np.arange(min(first, max(last, 0)), min(max(last, 0), len(stays)))
         at = rng.choice(at, min(len(at), math.ceil(states / len(lives))), replace=False)
         zeta.append(life.zeta[at, slot])
@@ -327,7 +327,7 @@ def random_starts(scenario: Scenario, learner: Learner, seed: int, starts: int, 
                 drawn = need.set_point * (1 + rng.uniform(DEPRIVED, SATED, n))
                 internal[:, i] = np.clip(drawn, need.low, need.bounds[1])
         heading = rng.uniform(-np.pi, np.pi, n)
-        tick = put(env, group, scatter(scenario.arena, species.radius, n, rng), heading, internal)
+        tick = place_group(env, group, scatter(scenario.arena, species.radius, n, rng), heading, internal)
         found.append(live(env, learner, tick, ticks))
     return found
 
@@ -394,7 +394,7 @@ def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot:
         heading[slot] = zeta[names.index("heading")]
     set_point = set_points(env.world.model.body, now)[me, : len(species.needs)]
     internal[slot] = zeta[: len(species.needs)] + set_point
-    put(env, group, position, heading, internal)
+    place_group(env, group, position, heading, internal)
     actions = np.zeros(env.size, np.int64)
     for other in env.groups.values():
         actions[other.slots] = other.kinds.index("rest")
@@ -442,7 +442,7 @@ class Lived:
             "ticks": len(self.drive) * self.span,
             "mean_drive_last_tenth": float(last.mean()) if len(last) else None,
             "window": WINDOW,
-            "regulated_from": None if bound is None else regulated_from(some, bound, span=self.span),
+            "regulated_from": None if bound is None else find_regulation(some, bound, span=self.span),
         }
 
 

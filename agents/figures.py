@@ -12,7 +12,7 @@ from ecology import EcologyError, Scenario, Species
 from ecology.agents.evaluation import DeviationCheck, Findings, Life, Maps
 from ecology.ground.outline import drawn_lines
 from ecology.observers import recorder
-from ecology.observers.colours import need_colour, resource_colours, shaded
+from ecology.observers.colours import darken, need_colour, resource_colours
 from ecology.observers.plotting import (
     LINES,
     MARKERS,
@@ -151,7 +151,7 @@ def internal_states(life: Life, scenario: Scenario, species: Species, slot: int 
                 ax,
                 time,
                 masked(life.zeta[:, slot, i]),
-                color=rgb(shaded(need_colour(i), 0.85)),
+                color=rgb(darken(need_colour(i), 0.85)),
                 linestyle=LINES[k % len(LINES)],
                 marker=MARKERS[k % len(MARKERS)],
                 markersize=4,
@@ -274,7 +274,7 @@ def deviation_check(checks: Mapping[str, DeviationCheck]) -> Figure:
     return figure
 
 
-def draw(
+def draw_evaluation(
     folder: Path, scenario: Scenario, findings: Findings, layout: Sequence[str], metrics: Path | None = None
 ) -> list[Path]:
     """Write the figures of `findings` to `folder` as PNG and return their paths.

@@ -39,7 +39,7 @@ class Life:
     actions: Ints  # (T, n) executed
 
 
-class Diary(Observer):
+class LifeRecorder(Observer):
     """An observer that records the lives of the species of `group`."""
 
     def __init__(self, group: Group, tick: Tick, position: Floats) -> None:
@@ -114,10 +114,10 @@ def check_fits(learner: Learner, scenario: Scenario) -> None:
 
 def live(env: Ecology, learner: Learner, tick: Tick, ticks: int) -> Life:
     """Run `ticks` ticks from `tick` and return the life; movements under way are dropped first."""
-    acting, diary = company(env, learner), Diary(learner.group, tick, env.state_view.position)
+    acting, recorder = company(env, learner), LifeRecorder(learner.group, tick, env.state_view.position)
     learner.begin()
-    loop.run(env, acting, tick, ticks, [diary])
-    return diary.life()
+    loop.run(env, acting, tick, ticks, [recorder])
+    return recorder.life()
 
 
 def mean_drive(scenario: Scenario, learner: Learner, ticks: int, seed: int, skip: int = 1000) -> Floats:
@@ -151,7 +151,7 @@ def running_mean(series: Floats, window: int = WINDOW) -> Floats:
     return (total[window:] - total[:-window]) / window
 
 
-def regulated_from(series: Floats, bound: float, *, span: int = 1, window: int = WINDOW) -> int | None:
+def find_regulation(series: Floats, bound: float, *, span: int = 1, window: int = WINDOW) -> int | None:
     """Return the first tick from which the running mean over `window` ticks stays below `bound`, None without one.
 
     A row of `series` (T,) is the mean drive of `span` ticks, from birth on. The earliest answer is `window`.

@@ -101,7 +101,7 @@ def advance(
                         observations=before.observations[group.name],
                         masks=before.masks[group.name],
                         actions=lived.action[group.slots],
-                        next_observations=after if scheduled is None else _felt(group, after, scheduled),
+                        next_observations=after if scheduled is None else _felt_observations(group, after, scheduled),
                         next_masks=lived.masks[group.name],
                         alive=alive[group.slots],
                         died=lived.died[group.slots],
@@ -154,7 +154,7 @@ def pass_on_effect(env: Ecology, learners: Mapping[str, Learner], effect: Effect
             learner.begin()
 
 
-def _felt(group: Group, after: np.ndarray, tick: ScheduledTick) -> np.ndarray:
+def _felt_observations(group: Group, after: np.ndarray, tick: ScheduledTick) -> np.ndarray:
     """Return the observations after a tick (n, D), after the events for agents that survive them and are not moved."""
     if not tick.felt:
         return after

@@ -74,7 +74,7 @@ class Knowledge:
     fatigue: int  # the need that sleep lowers, -1 without
 
 
-def served(table: ActionTable, resource: int) -> tuple[int, int]:
+def service_of(table: ActionTable, resource: int) -> tuple[int, int]:
     """Return the need that `resource` serves most and the consume action that does, (-1, -1) without."""
     acts = np.flatnonzero(table.consumes == resource)
     if not acts.size:
@@ -107,7 +107,7 @@ def know(scenario: Scenario, group: Group) -> Knowledge:
     table = compile_actions(species, scenario.resources, scenario.species)
     own = {name: getattr(table, name)[:, : len(species.needs)] for name in ("control", "opens_from", "closes_at")}
     table = replace(table, **own)  # its own needs alone
-    serves = [served(table, r) for r in range(len(scenario.resources))]
+    serves = [service_of(table, r) for r in range(len(scenario.resources))]
     moves = np.flatnonzero(np.array(table.kinds) == "move")
     sleeps = np.flatnonzero(np.array(table.kinds) == "sleep")
     if not any(need >= 0 for need, _ in serves) or not moves.size or "position" not in species.senses:
@@ -551,7 +551,7 @@ def travel(traveller: Yardstick, scenario: Scenario) -> Floats:
                 continue
             tick = env.reset_arrays(0)
             if start < count:
-                tick = env.put(position=traveller.places[start][None])
+                tick = env.set_state(position=traveller.places[start][None])
             traveller._legs[0] = Leg()
             while not env.state_view.inside[0, goal]:
                 zeta, mask = tick.observations[species.name][0], tick.masks[species.name][0]

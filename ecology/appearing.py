@@ -120,7 +120,7 @@ def renew(model: Model, state: State, died: Bools, met: Met, rng: Mapping[str, n
         for name, rows in outcome.patches.items():
             place(model, state, model.patches[name], rows[:, :2], rows[:, 2])
     for patches, seeding, room in table.seeds:
-        places = scattered(model, state, patches, seeding, room, rng["motion"])
+        places = scatter_seeds(model, state, patches, seeding, room, rng["motion"])
         place(model, state, patches, places, np.full(len(places), model.resources.stock[patches.start]))
 
 
@@ -167,7 +167,7 @@ def leave(model: Model, state: State, table: Appearing, left: Left, died: Bools)
         state.given[dead[:count]] += part
 
 
-def scattered(
+def scatter_seeds(
     model: Model, state: State, patches: slice, seeding: Seeding, room: Any, rng: np.random.Generator
 ) -> Floats:
     """Return where seeds of a resource land in a tick, (k, 2)."""

@@ -28,7 +28,7 @@ class Island:
     learners: tuple[str, ...] = ()  # NAME, or SPECIES=NAME
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class Migration:
     who: str = "random"  # who leaves first: "random", "least drive", "most drive", "oldest" or "youngest"
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"migration of {self.species!r}"
         require(math.isfinite(self.rate) and self.rate >= 0, f"{owner}: rate is 0 or more, got {self.rate!r}.")
         if isinstance(self.where, str):
@@ -74,7 +74,7 @@ class Pool:
     renew: bool = True  # whether every generation starts with the initial stocks
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"pool of {self.species!r}"
         require(0 < self.generation < math.inf, f"{owner}: generation is a positive time, got {self.generation!r}.")
         require(0 <= self.relatedness <= 1, f"{owner}: relatedness is from 0 to 1, got {self.relatedness!r}.")
@@ -98,7 +98,7 @@ class Archipelago:
     settings: Mapping[str, object] = field(default_factory=dict)  # as resolved by its file
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner, count = f"archipelago {self.name!r}", len(self.islands)
         require(count > 0, f"{owner}: at least one island.")
         require(0 < self.every < math.inf, f"{owner}: every is a positive time, got {self.every!r}.")

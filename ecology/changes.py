@@ -64,7 +64,7 @@ def rename(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
             changed[name] = np.where(alive, -1, getattr(state, name))
 
 
-def check(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
+def check_changes(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
     """Raise EcologyError where `changed` would give `state` values that no world can reach; headings are wrapped."""
     scenario, body, table, plane, choices = model.scenario, model.body, model.resources, model.plane, model.choices
     alive = changed.get("alive", state.alive)

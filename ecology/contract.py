@@ -243,7 +243,7 @@ def _fingerprints(env: Ecology, seed: int, ticks: int) -> list[str]:
     for _, _, tick in _lives(env, seed, ticks):
         digest = hashlib.sha256()
         arrays = [*env.state_view.arrays().values(), tick.reward, *tick.observations.values(), *tick.masks.values()]
-        arrays.append(np.array(env.scenario.measured(env.state_view)))
+        arrays.append(np.array(env.scenario.measure(env.state_view)))
         for values in arrays:
             digest.update(np.ascontiguousarray(values).tobytes())
         found.append(digest.hexdigest())

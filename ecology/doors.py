@@ -1,7 +1,7 @@
 """Doors: inner walls that open and close, by time or by the scenario's rule.
 
-Every set of closed doors has a ground and eyes of its own, compiled when it first occurs; the model of a tick is the
-one of the doors that are closed then. So sight, bodies, bites and seeds know one kind of wall only.
+Every set of closed doors has a ground and a vision of its own, compiled when it first occurs. The model of a tick is
+that of the doors that are closed then. So sight, bodies, bites and seeds know one kind of wall only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from ecology import fields
 from ecology.fields import Fields
 from ecology.ground import Ground, ground_of
-from ecology.sight import Eyes, hiding
+from ecology.sight import Vision, hiding
 from ecology.spec import Arena, Door
 from ecology.state import Bools, Floats, State
 
@@ -28,7 +28,7 @@ class Doors:
     """The constants of the doors of an arena, and the grounds of those sets that have been closed so far."""
 
     each: tuple[Door, ...]
-    known: dict[bytes, tuple[Ground, Eyes, Fields | None]] = field(default_factory=dict)  # by which are open
+    known: dict[bytes, tuple[Ground, Vision, Fields | None]] = field(default_factory=dict)  # by which are open
 
 
 def first_doors(arena: Arena) -> Bools | None:
@@ -44,7 +44,7 @@ def is_due(door: Door, time: float, now: bool) -> bool:
 
 
 def fit(model: Model, open_: Bools | None = None) -> Model:
-    """Return the model with the ground, the eyes and the flows that go with doors (D,), all of them `open_` if None."""
+    """Return the model with ground, vision and flows for doors (D,) that are `open_`, all of them if None."""
     doors = model.doors
     if doors is None:
         return model
@@ -52,10 +52,10 @@ def fit(model: Model, open_: Bools | None = None) -> Model:
     key = open_.tobytes()
     if key not in doors.known:
         ground = ground_of(shut(model.scenario.arena, open_))
-        eyes = model.eyes._replace(walls=hiding(ground))
-        doors.known[key] = ground, eyes, fields.around_walls(model.fields, ground)
-    ground, eyes, flows = doors.known[key]
-    return model if model.ground is ground else replace(model, ground=ground, eyes=eyes, fields=flows)
+        vision = model.vision._replace(walls=hiding(ground))
+        doors.known[key] = ground, vision, fields.around_walls(model.fields, ground)
+    ground, vision, flows = doors.known[key]
+    return model if model.ground is ground else replace(model, ground=ground, vision=vision, fields=flows)
 
 
 def shut(arena: Arena, open_: Bools) -> Arena:

@@ -21,7 +21,7 @@ from ecology.state import Bools, Floats, Ints, State
 
 if TYPE_CHECKING:
     from ecology.model import Model
-    from ecology.sight import Eyes
+    from ecology.sight import Vision
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def matrix(
     if e.lesion == "off" and state.time >= e.lesion_at:
         weight[:] = 0.0
     if e.lesion == "shuffled" and ring is not None and state.time >= e.lesion_at:
-        weight = _shuffled(weight, state.alive[others], ring[others], others, np.arange(rows.start, rows.stop))
+        weight = _shuffle(weight, state.alive[others], ring[others], others, np.arange(rows.start, rows.stop))
     return weight
 
 
@@ -134,7 +134,7 @@ def weights(coupling: Coupling, weight: Floats, alive: Bools, column: int | None
     return found, slots
 
 
-def _shuffled(weight: Floats, alive: Bools, ring: Ints, others: Ints, mine: Ints) -> Floats:
+def _shuffle(weight: Floats, alive: Bools, ring: Ints, others: Ints, mine: Ints) -> Floats:
     """Return the weights (n, m) with each partner's place taken by the next one alive in the ring, never oneself."""
     living = np.flatnonzero(alive)[np.argsort(ring[alive])]
     if len(living) < 2:
@@ -168,7 +168,7 @@ def feel(coupling: Coupling, weight: Floats, state: State, body: Body) -> Floats
 
 
 def update_drives(
-    model: Model, state: State, eyes: Eyes, pairs: Pairs | None, order: Ints, factors: Mapping[str, float]
+    model: Model, state: State, vision: Vision, pairs: Pairs | None, order: Ints, factors: Mapping[str, float]
 ) -> None:
     """Set the drive of every agent, its own and what it feels of others.
 
@@ -186,7 +186,7 @@ def update_drives(
     state.own("felt", "drive")
     for coupling in model.couplings:
         rows = coupling.rows
-        felt = feel(coupling, weigh(model, state, eyes, coupling, pairs, order, factors), state, body)
+        felt = feel(coupling, weigh(model, state, vision, coupling, pairs, order, factors), state, body)
         state.felt[rows] = felt
         if coupling.empathy.form == "sum":
             state.drive[rows] = state.own_drive[rows] + felt[:, 0]
@@ -205,7 +205,7 @@ def _form(body: Body, which: slice | Ints) -> physiology.Form | None:
 def weigh(
     model: Model,
     state: State,
-    eyes: Eyes,
+    vision: Vision,
     coupling: Coupling,
     pairs: Pairs | None,
     order: Ints,
@@ -214,7 +214,7 @@ def weigh(
     """Return whom the agents of one species feel now and how much, (n, m)."""
     seen = None
     if coupling.empathy.sight and pairs is not None:
-        seen = eyes.sees_others(pairs, state.position, state.heading, model.looks)
+        seen = vision.sees_others(pairs, state.position, state.heading, model.looks)
     weight = matrix(coupling, state, model.plane, pairs, seen, order)
     own = None if model.heredity is None else model.heredity.values(state, "empathy.weight", 1.0)
     if own is not None and coupling.inherited:

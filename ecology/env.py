@@ -121,7 +121,7 @@ class Ecology(ParallelEnv):
         if self.timetable is None:
             return tick
         self.timetable.start(seed)
-        return self._scheduled(tick)
+        return self._run_schedule(tick)
 
     def step_arrays(self, actions: Ints, steering: Floats | None = None) -> Tick:
         """Advance one tick, see `ecology.world.ArrayWorld.step` for the order of things.
@@ -141,17 +141,17 @@ class Ecology(ParallelEnv):
                 f"{steering!r}.",
             )
         tick = self.world.step(actions, steering)
-        return tick if self.timetable is None else self._scheduled(tick)
+        return tick if self.timetable is None else self._run_schedule(tick)
 
-    def _scheduled(self, tick: Tick) -> Tick:
+    def _run_schedule(self, tick: Tick) -> Tick:
         """Return the tick with what the schedule does after it."""
         assert self.timetable is not None
         now = self.world.state.tick
         return tick if self.timetable.next > now else carry_out(self, self.timetable.take(now), tick)
 
-    def sighted(self, slot: int) -> Ints:
+    def find_visible(self, slot: int) -> Ints:
         """Return the slots of the others that the agent in `slot` sees now, (k,); none if its species does not look."""
-        return self.world.sighted(slot)
+        return self.world.find_visible(slot)
 
     def coupling(self, species: str, need: str | None = None) -> tuple[Floats, Ints] | None:
         """Return the weights of empathy w_ij of the n slots of `species` for m slots, (n, m), and those slots, (m,).
@@ -162,16 +162,16 @@ class Ecology(ParallelEnv):
         """
         return self.world.coupling(species, need)
 
-    def put(self, **fields: Any) -> Tick:
+    def set_state(self, **fields: Any) -> Tick:
         """Overwrite fields of the state between ticks and return a Tick of what is perceived now.
 
-        `env.put(position=..., internal=...)`, each of the field's own shape, for probes and tests. Slots that are no
+        `env.set_state(position=..., internal=...)`, each of the field's own shape, for probes. Slots that are no
         longer `alive` have died of the rule; those that are alive again keep their name, or get a new one in a slot
         that was never used. Raises EcologyError, the state being unchanged, for values that no world can reach: places
         outside the arena, needs beyond their bounds (but lethal ones, of which the agent then dies), stocks below 0
         or above their capacity, unknown actions, slots or names.
         """
-        return self.world.put(**fields)
+        return self.world.set_state(**fields)
 
     def settle(self, species: str, place: tuple[float, float], heading: float = 0.0) -> tuple[Tick, int]:
         """Add an agent at `place` between ticks; return a Tick of what is perceived now, and its slot.

@@ -189,7 +189,7 @@ def sample(one: Compiled, state: State, points: Floats) -> Floats:
     field = one.field
     if one.cells is None:
         assert callable(field.values)
-        found = _called(field, field.values, points, state.time)
+        found = _evaluate(field, field.values, points, state.time)
     else:
         values = one.grid
         if one.changes:
@@ -200,7 +200,7 @@ def sample(one: Compiled, state: State, points: Floats) -> Floats:
     return np.minimum(np.maximum(found, field.low), field.high)
 
 
-def _called(field: Field, function: Callable[..., Any], points: Floats, time: float) -> Floats:
+def _evaluate(field: Field, function: Callable[..., Any], points: Floats, time: float) -> Floats:
     """Return what a function gives at points (n, 2), or raise EcologyError where these are no numbers."""
     found = np.asarray(function(points[:, 0], points[:, 1], time))
     try:

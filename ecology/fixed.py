@@ -53,11 +53,11 @@ class FixedSlots(ParallelEnv):
 
     def observation_space(self, agent: str) -> spaces.Space:
         """Return Dict(observation Box float32 (D,), action_mask Box int8 (A,)), or Box (D + A,) if `flatten`."""
-        return self.observation_spaces[self._known(agent)]
+        return self.observation_spaces[self._check_name(agent)]
 
     def action_space(self, agent: str) -> spaces.Discrete:
         """Return Discrete(A)."""
-        return self.action_spaces[self._known(agent)]
+        return self.action_spaces[self._check_name(agent)]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -66,17 +66,17 @@ class FixedSlots(ParallelEnv):
         tick = self.env.reset_arrays(seed)
         self._ticks = 0
         self.agents = list(self.possible_agents)
-        return self._told(tick)
+        return self._observe(tick)
 
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Advance one tick; every slot needs an action, that of an empty one is ignored."""
         require(bool(self.agents), "the world has not begun, or its horizon is reached; call reset.")
-        tick = self.env.step_arrays(self._wanted(actions))
+        tick = self.env.step_arrays(self._read_actions(actions))
         self._ticks += 1
         over = self.env.horizon is not None and self._ticks >= self.env.horizon
-        observations, infos = self._told(tick)
+        observations, infos = self._observe(tick)
         lived = (tick.alive & ~tick.born) | tick.died
         rewards = dict(zip(self.possible_agents, np.where(lived, tick.reward, 0.0).tolist(), strict=True))
         self.agents = [] if over else list(self.possible_agents)
@@ -110,7 +110,7 @@ class FixedSlots(ParallelEnv):
         """Close the world."""
         self.env.close()
 
-    def _known(self, agent: str) -> str:
+    def _check_name(self, agent: str) -> str:
         if agent not in self._group_of:
             raise EcologyError(f"there is no slot {agent!r}. {nearest(str(agent), self._group_of)}")
         return agent
@@ -124,8 +124,8 @@ class FixedSlots(ParallelEnv):
         """Return the observation space of the slots of `group`; zero, what an empty slot observes, is in it."""
         shown = list(self.env.groups.values()) if self.pad else [group]
         d, a = self._width(group)
-        low = np.min([_padded(float32_below(np.minimum(g.layout.low, 0.0))[None], d)[0] for g in shown], axis=0)
-        high = np.max([_padded(-float32_below(-np.maximum(g.layout.high, 0.0))[None], d)[0] for g in shown], axis=0)
+        low = np.min([_pad(float32_below(np.minimum(g.layout.low, 0.0))[None], d)[0] for g in shown], axis=0)
+        high = np.max([_pad(-float32_below(-np.maximum(g.layout.high, 0.0))[None], d)[0] for g in shown], axis=0)
         if self.flatten:
             zeros, ones = np.zeros(a, np.float32), np.ones(a, np.float32)
             return spaces.Box(np.concatenate([low, zeros]), np.concatenate([high, ones]), dtype=np.float32)
@@ -133,7 +133,7 @@ class FixedSlots(ParallelEnv):
             {"observation": spaces.Box(low, high, dtype=np.float32), "action_mask": spaces.Box(0, 1, (a,), np.int8)}
         )
 
-    def _wanted(self, actions: Mapping[str, Any]) -> Ints:
+    def _read_actions(self, actions: Mapping[str, Any]) -> Ints:
         """Return actions (N,) of the world: rest for an added action."""
         require(isinstance(actions, Mapping), f"actions are a dict, name to action, got {actions!r}.")
         missing = [name for name in self.possible_agents if name not in actions]
@@ -147,15 +147,15 @@ class FixedSlots(ParallelEnv):
         wanted = np.array([int(actions[name]) for name in self.possible_agents], np.int64)
         return np.where(wanted < self._actions, wanted, self._rest)
 
-    def _told(self, tick: Tick) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    def _observe(self, tick: Tick) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Return the observations and infos of all slots."""
         observations: list[Any] = []
         for group in self.env.groups.values():
             d, a = self._width(group)
             lives = tick.alive[group.slots][:, None]
             only_rest = np.array([kind == "rest" for kind in group.kinds])
-            zeta = _padded(np.where(lives, tick.observations[group.name], np.float32(0.0)), d)
-            mask = _padded(np.where(lives, tick.masks[group.name], only_rest).astype(np.int8), a)
+            zeta = _pad(np.where(lives, tick.observations[group.name], np.float32(0.0)), d)
+            mask = _pad(np.where(lives, tick.masks[group.name], only_rest).astype(np.int8), a)
             if self.flatten:
                 observations += list(np.concatenate([zeta, mask], axis=1, dtype=np.float32))
             else:
@@ -174,6 +174,6 @@ class FixedSlots(ParallelEnv):
         return dict(zip(self.possible_agents, observations, strict=True)), infos
 
 
-def _padded(rows: Floats | np.ndarray, width: int) -> np.ndarray:
+def _pad(rows: Floats | np.ndarray, width: int) -> np.ndarray:
     """Return rows (n, m) with zeros added to the right, (n, width)."""
     return np.pad(rows, ((0, 0), (0, width - rows.shape[1])))

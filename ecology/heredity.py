@@ -81,7 +81,7 @@ def read(species: Species, trait: Trait) -> tuple[str, int, float]:
     return trait.of, -1, 1.0 if trait.of == "speed" else float(np.mean(trait.bounds))
 
 
-def check(species: Species) -> None:
+def check_traits(species: Species) -> None:
     """Raise EcologyError where the traits of a species do not fit it."""
     owner = f"species {species.name!r}"
     for what in ("name", "of"):

@@ -31,6 +31,7 @@ from ecology.errors import EcologyError, nearest
 from ecology.spec import Oscillation, Resource, Species
 from ecology.verbs import (
     MissingError,
+    cue_value_of,
     is_agent,
     means_resource,
     need_of,
@@ -38,7 +39,6 @@ from ecology.verbs import (
     patch_of,
     place,
     set_point_of,
-    shown,
     species_of,
     split,
     stock,
@@ -118,7 +118,7 @@ def _move(env: Ecology, words: list[str]) -> Effect:
         was, position[slot], bound[slot] = position[slot].copy(), where, -1
         if heading is not None:
             headings[slot] = heading
-        tick = env.put(position=position, heading=headings, bound_for=bound)
+        tick = env.set_state(position=position, heading=headings, bound_for=bound)
         return Effect(f"{name} was moved from {_at(was)} to {_at(where)}", tick, changed=(slot,), moved=(slot,))
     resource, which = patch_of(env.scenario, name, one=True)
     (row,) = _rows(env, resource, which)
@@ -132,7 +132,7 @@ def _move(env: Ecology, words: list[str]) -> Effect:
     places, bound = state.resource_position.copy(), state.bound_for.copy()
     was, places[row] = places[row].copy(), where
     bound[bound == row] = -1  # an agent on its way there does not know where it went
-    tick = env.put(resource_position=places, bound_for=bound)
+    tick = env.set_state(resource_position=places, bound_for=bound)
     return Effect(f"{name} was moved from {_at(was)} to {_at(where)}", tick)
 
 
@@ -154,7 +154,7 @@ def _stock(env: Ecology, rows: list[int], amount: float, said: str) -> Effect:
     stock, grown = state.stock.copy(), state.grown.copy()
     grown[rows] += amount - stock[rows]
     stock[rows] = amount
-    return Effect(said, env.put(stock=stock, grown=grown))
+    return Effect(said, env.set_state(stock=stock, grown=grown))
 
 
 def _put(env: Ecology, words: list[str]) -> Effect:
@@ -168,7 +168,7 @@ def _remove(env: Ecology, words: list[str]) -> Effect:
     slot = _slot(env, words[0])
     alive = env.state_view.alive.copy()
     alive[slot] = False
-    return Effect(f"{words[0]} was removed", env.put(alive=alive), died=(slot,))
+    return Effect(f"{words[0]} was removed", env.set_state(alive=alive), died=(slot,))
 
 
 def _set(env: Ecology, words: list[str]) -> Effect:
@@ -181,7 +181,7 @@ def _set(env: Ecology, words: list[str]) -> Effect:
     received[slots, column] += np.maximum(change, 0.0)
     lost[slots, column] += np.maximum(-change, 0.0)
     internal[slots, column] = value
-    tick = env.put(internal=internal, received=received, lost=lost)
+    tick = env.set_state(internal=internal, received=received, lost=lost)
     return Effect(f"{need} of {name} was set to {value:g}", tick, changed=tuple(slots.tolist()))
 
 
@@ -193,15 +193,15 @@ def _shift(env: Ecology, words: list[str]) -> Effect:
     assert env.state_view.set_point is not None
     set_point = env.state_view.set_point.copy()
     set_point[slots, column] = value
-    tick = env.put(set_point=set_point)
+    tick = env.set_state(set_point=set_point)
     return Effect(f"the set point of {need} of {name} was shifted to {value:g}", tick, changed=tuple(slots.tolist()))
 
 
 def _show(env: Ecology, words: list[str]) -> Effect:
-    value = shown(env.scenario, *words)
+    value = cue_value_of(env.scenario, *words)
     cue = np.array(env.state_view.cue)
     cue[env.world.model.cues[words[0]]] = value
-    return Effect(f"{words[0]} shows {value:g}", env.put(cue=cue))
+    return Effect(f"{words[0]} shows {value:g}", env.set_state(cue=cue))
 
 
 def _change(env: Ecology, words: list[str]) -> Effect:
@@ -228,7 +228,7 @@ def _empathy(env: Ecology, words: list[str]) -> Effect:
 def _learning(env: Ecology, words: list[str]) -> Effect:
     species, learns = species_of(env.scenario, words[0]), switch("learning", words[1])
     said = f"{species.name} " + ("learn again" if learns else "learn no more")
-    return Effect(said, env.put(), learning={species.name: learns})
+    return Effect(said, env.set_state(), learning={species.name: learns})
 
 
 def _at(place: np.ndarray | tuple[float, float]) -> str:

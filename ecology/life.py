@@ -86,7 +86,7 @@ def _give_birth(model: Model, state: State, name: str, species: Species, free: i
     living = int(np.count_nonzero(state.alive[rows])) if birth.limit < np.inf else 0
     parents: Ints = rows.start + bearers(birth, able, free, model.dt, rng, living)
     if birth.parents == 2:
-        parents = _mated(model, state, parents, rows.start + np.flatnonzero(able), birth.mates_within)
+        parents = _find_mates(model, state, parents, rows.start + np.flatnonzero(able), birth.mates_within)
     if parents.size:
         state.own("given")
     for need, cost in birth.cost.items():
@@ -95,7 +95,7 @@ def _give_birth(model: Model, state: State, name: str, species: Species, free: i
     return parents
 
 
-def _mated(model: Model, state: State, parents: Ints, able: Ints, within: float) -> Ints:
+def _find_mates(model: Model, state: State, parents: Ints, able: Ints, within: float) -> Ints:
     """Return those of `parents` (k,) that have a mate, the nearest other one of `able` (m,), and record it."""
     if len(able) < 2 or not parents.size:
         return parents[:0]

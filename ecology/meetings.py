@@ -75,7 +75,7 @@ class World:
 
     def resource(self, name: str) -> slice:
         """Return the rows of the patches of a resource in `state.stock`, `state.resource_position` and the like."""
-        return self.resources[self._known(self.resources, name, "resource")]
+        return self.resources[self._check_name(self.resources, name, "resource")]
 
     def inside(self, position: Floats) -> Bools:
         """Return which of `position` (n, 2) lie in the arena, (n,); all do where it has no walls, as a torus."""
@@ -90,22 +90,22 @@ class World:
 
     def does(self, species: str, action: str) -> Bools:
         """Return which slots of `species` are alive and execute `action` in this tick, (n,)."""
-        rows = self.slots[self._known(self.slots, species, "species")]
+        rows = self.slots[self._check_name(self.slots, species, "species")]
         return (self.state.action[rows] == self._index(self.actions, species, action, "action")) & self.state.alive[
             rows
         ]
 
-    def nothing(self) -> Outcome:
+    def no_effect(self) -> Outcome:
         """Return an outcome of zeros, to be written into."""
         shape = self.state.internal.shape
         return Outcome(np.zeros(shape), np.zeros(shape), np.zeros(shape[0], bool))
 
     def _index(self, table: Mapping[str, tuple[str, ...]], species: str, name: str, what: str) -> int:
-        names = table[self._known(table, species, "species")]
-        return names.index(self._known(names, name, what))
+        names = table[self._check_name(table, species, "species")]
+        return names.index(self._check_name(names, name, what))
 
     @staticmethod
-    def _known(names: Collection[str], name: str, what: str) -> str:
+    def _check_name(names: Collection[str], name: str, what: str) -> str:
         if name not in names:
             raise EcologyError(f"the rule asks for the {what} {name!r}. {nearest(name, names)}")
         return name
@@ -114,11 +114,11 @@ class World:
 Rule = Callable[[World, np.random.Generator], Outcome]
 
 
-def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
+def validate_outcome(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
     """Return the outcome of a scenario's own rule in `world`, or raise EcologyError where it is none."""
     owner, state = f"the rule of scenario {scenario.name!r}", world.state
     if not isinstance(outcome, Outcome):
-        raise EcologyError(f"{owner} must return an Outcome (start from world.nothing()), got {outcome!r}.")
+        raise EcologyError(f"{owner} must return an Outcome (start from world.no_effect()), got {outcome!r}.")
     for word, like in (
         ("received", state.internal), ("given", state.internal), ("position", state.position),
         ("set_point", state.internal),
@@ -146,7 +146,7 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
                     f"({', '.join(needs)}); find the column of a need by world.column({species!r}, need)."
                 )
     if outcome.set_point is not None:
-        setpoints.check(outcome.set_point, scenario, world.slots, owner)
+        setpoints.check_set_points(outcome.set_point, scenario, world.slots, owner)
     if outcome.position is not None:
         outside = state.alive & ~world.inside(outcome.position)
         if outside.any():
@@ -156,7 +156,7 @@ def checked(outcome: Outcome, scenario: Scenario, world: World) -> Outcome:
                 f"{owner}: position puts {species}_{state.serial[slot]} at {outcome.position[slot].tolist()}, outside "
                 "the arena; world.inside(position) says which places are within."
             )
-    powers.check(outcome, scenario, world, owner)
+    powers.check_outcome(outcome, scenario, world, owner)
     return outcome
 
 
@@ -270,7 +270,7 @@ def _apply_rule(model: Model, state: State, met: Met, rng: np.random.Generator) 
             zip([d.name for d in model.scenario.arena.doors], state.doors.tolist(), strict=True)
         ),
     )  # fmt: skip
-    outcome = checked(rule(world, rng), model.scenario, world)
+    outcome = validate_outcome(rule(world, rng), model.scenario, world)
     living = state.alive[:, None]
     met.outcome = outcome
     state.pace, state.sight = outcome.pace, outcome.sight
@@ -300,7 +300,7 @@ def _aim_of(model: Model, state: State, pairs: Pairs | None, rows: slice, table:
         assert pairs is not None
         targets[:, a] = in_reach(
             pairs, rows.start, len(targets), table.reach[a], table.meets[a], model.species_of, state.position,
-            model.eyes.walls,
+            model.vision.walls,
         )  # fmt: skip
     return targets
 

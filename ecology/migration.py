@@ -35,7 +35,7 @@ GOES_ALONG = (
 )
 
 
-def check(model: Model, species: str) -> None:
+def check_can_migrate(model: Model, species: str) -> None:
     """Raise EcologyError where agents of `species` cannot leave this world or arrive in it."""
     group = model.group(species)
     s = model.scenario.species[group.index]
@@ -61,7 +61,7 @@ def bring_in(model: Model, state: State, species: str, bodies: Bodies, rng: np.r
     They start where the species' agents start at birth, drawn by `rng`. Raises EcologyError if there are too few
     slots, or if the bodies are of another kind.
     """
-    check(model, species)
+    check_can_migrate(model, species)
     slots = _free(model, state, species, len(bodies["serial"]))
     mine = {name: value.shape[1:] for name in GOES_ALONG if isinstance(value := getattr(state, name), np.ndarray)}
     require(
@@ -88,7 +88,7 @@ def breed(
 
     They inherit `traits` (k, T); with None, or without parents, they have no traits of their own.
     """
-    check(model, species)
+    check_can_migrate(model, species)
     slots = _free(model, state, species, len(parents))
     if slots.size:
         _start(model, state, species, slots, rng)

@@ -23,9 +23,9 @@ from ecology.physiology import Body
 from ecology.powers import Slot, compile_memory
 from ecology.resources import ResourceTable
 from ecology.scenario import Scenario, puts
-from ecology.senses import Gaze, Layout
+from ecology.senses import Layout, ObservationSpec
 from ecology.setpoints import Moving, compile_moving
-from ecology.sight import Eyes, compile_eyes
+from ecology.sight import Vision, compile_vision
 from ecology.spec import Hearing, Species
 from ecology.state import Bools, Floats, Ints, State
 
@@ -64,14 +64,14 @@ class Model:
     tables: tuple[ActionTable, ...]  # by species
     acting: tuple[tuple[Group, ActionTable], ...]  # every group with its actions
     species: tuple[tuple[Group, Species], ...]  # every group with its species
-    gazes: tuple[Gaze, ...]  # by species
+    observation_specs: tuple[ObservationSpec, ...]  # by species
     needs: Mapping[str, tuple[str, ...]]  # names by species, in the order of the columns
     patches: Mapping[str, slice]  # rows of the patches, by resource
     cues: Mapping[str, int]  # places of the cues, by name
     cued: tuple[Ints | None, ...] | None  # by species, the cue that each action waits for; None: no action waits
     yields: bool  # whether any meal depends on chance or on how full the patch is
     body: Body
-    eyes: Eyes
+    vision: Vision
     resources: ResourceTable
     couplings: tuple[Coupling, ...]  # of the species that have empathy
     radius: Floats  # (N,)
@@ -177,8 +177,8 @@ def compile_model(scenario: Scenario) -> Model:
     counts = [s.slots for s in species]
     blocks = _blocks(counts)
     tables = tuple(compile_actions(s, scenario.resources, species) for s in species)
-    gazes = tuple(
-        senses.compile_gaze(s, rows, arena, scenario.resources, species, scenario.fields)
+    observation_specs = tuple(
+        senses.compile_observation_spec(s, rows, arena, scenario.resources, species, scenario.fields)
         for s, rows in zip(species, blocks, strict=True)
     )
     body = physiology.compile_bodies(species, width)
@@ -187,7 +187,7 @@ def compile_model(scenario: Scenario) -> Model:
             name=s.name,
             index=i,
             slots=blocks[i],
-            layout=gazes[i].layout,
+            layout=observation_specs[i].layout,
             actions=tables[i].names,
             kinds=tables[i].kinds,
             speeds=tables[i].speed,
@@ -209,14 +209,14 @@ def compile_model(scenario: Scenario) -> Model:
         tables=tables,
         acting=tuple(zip(groups.values(), tables, strict=True)),
         species=tuple(zip(groups.values(), species, strict=True)),
-        gazes=gazes,
+        observation_specs=observation_specs,
         needs={s.name: tuple(need.name for need in s.needs) for s in species},
         patches=patches,
         cues=(cues := {cue.name: i for i, cue in enumerate(scenario.cues)}),
         cued=compile_cued(species, cues),
         yields=any(a.by_stock or (a.kind == "consume" and a.chance < 1) for s in species for a in s.actions),
         body=body,
-        eyes=compile_eyes(species, ground),
+        vision=compile_vision(species, ground),
         resources=resources.compile_resources(kinds, arena, species),
         couplings=tuple(empathy.compile_coupling(species, blocks, width)),
         radius=np.repeat([float(s.radius) for s in species], counts),
@@ -227,7 +227,7 @@ def compile_model(scenario: Scenario) -> Model:
         looks=np.repeat([s.empathy is not None and s.empathy.sight for s in species], counts),
         nobody=np.full(sum(counts), -1),
         no_targets={s.name: np.full((s.slots, len(s.actions)), -1) for s in species},
-        near=_nearness(scenario, gazes),
+        near=_nearness(scenario, observation_specs),
         meets=any(s.crowding is not None or any(a.reach for a in s.actions) for s in species),
         mortal=body.deadly
         or scenario.rule is not None
@@ -251,12 +251,12 @@ def _blocks(counts: list[int]) -> list[slice]:
     return [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
 
 
-def _nearness(scenario: Scenario, gazes: tuple[Gaze, ...]) -> float:
+def _nearness(scenario: Scenario, observation_specs: tuple[ObservationSpec, ...]) -> float:
     """Return the distance within which agents sense, meet or crowd each other; 0: none do."""
     found = [0.0]
-    for s, gaze in zip(scenario.species, gazes, strict=True):
+    for s, spec in zip(scenario.species, observation_specs, strict=True):
         if s.neighbours or (s.empathy is not None and s.empathy.sight):
-            found.append(gaze.far)
+            found.append(spec.far)
         found += [action.reach for action in s.actions]
         found += [sense.range for sense in s.senses if isinstance(sense, Hearing)]
         if s.crowding is not None:

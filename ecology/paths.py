@@ -10,7 +10,7 @@ from ecology.errors import EcologyError, nearest
 from ecology.scenario import Scenario
 
 
-def changed(scenario: Scenario, path: str, value: float) -> Scenario:
+def with_change(scenario: Scenario, path: str, value: float) -> Scenario:
     """Return `scenario` with the number at `path` replaced by `value`; EcologyError where there is no such number.
 
     A path begins with the name of a species, a resource or a field and goes on with fields, names of needs and actions,
@@ -27,7 +27,7 @@ def changed(scenario: Scenario, path: str, value: float) -> Scenario:
         )
     kind, at = parts[first]
     several: list[Any] = list(getattr(scenario, kind))
-    several[at] = _replaced(several[at], rest, value, path)
+    several[at] = _replace_in(several[at], rest, value, path)
     new: dict[str, Any] = {"schedule": (), "sessions": (), kind: tuple(several)}
     found = dataclasses.replace(scenario, **new)
     for name in ("schedule", "sessions"):  # the events do not check themselves again
@@ -35,7 +35,7 @@ def changed(scenario: Scenario, path: str, value: float) -> Scenario:
     return found
 
 
-def _replaced(owner: Any, path: list[str], value: float, whole: str) -> Any:
+def _replace_in(owner: Any, path: list[str], value: float, whole: str) -> Any:
     """Return `owner` with what lies at `path` below it replaced."""
     if not path:
         if isinstance(owner, bool) or not isinstance(owner, (int, float)):
@@ -45,18 +45,18 @@ def _replaced(owner: Any, path: list[str], value: float, whole: str) -> Any:
     if isinstance(owner, Mapping):
         if name not in owner:
             raise EcologyError(f"{whole!r}: there is no {name!r}. {nearest(name, owner)}")
-        return {**owner, name: _replaced(owner[name], rest, value, whole)}
+        return {**owner, name: _replace_in(owner[name], rest, value, whole)}
     if not dataclasses.is_dataclass(owner) or isinstance(owner, type):
         raise EcologyError(f"{whole!r}: {name!r} is a part of nothing, {owner!r} stands before it.")
     fields = [field.name for field in dataclasses.fields(owner)]
     if name in fields:
-        new = _replaced(getattr(owner, name), rest, value, whole)
+        new = _replace_in(getattr(owner, name), rest, value, whole)
         return dataclasses.replace(owner, **{name: new})
     for field in ("needs", "actions"):
         named = {part.name: i for i, part in enumerate(getattr(owner, field, ()))}
         if name in named:
             several = list(getattr(owner, field))
-            several[named[name]] = _replaced(several[named[name]], rest, value, whole)
+            several[named[name]] = _replace_in(several[named[name]], rest, value, whole)
             return dataclasses.replace(owner, **{field: tuple(several)})
     known = fields + [part.name for field in ("needs", "actions") for part in getattr(owner, field, ())]
     raise EcologyError(f"{whole!r}: there is no {name!r}. {nearest(name, known)}")

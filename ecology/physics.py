@@ -19,7 +19,7 @@ from ecology import elementary
 from ecology.compiler_cache import compiled, use_cache, within
 from ecology.elementary import cosine_and_sine
 from ecology.ground import Ground, walls
-from ecology.ground.outline import thickened
+from ecology.ground.outline import thicken
 from ecology.ground.walls import NO_WALLS, Walls, first_exit
 from ecology.state import Bools, Floats
 
@@ -72,7 +72,7 @@ class Physics:
         self.count = len(radius)
         self.smallest = smallest if smallest is not None else float(radius.min()) if self.count else 1.0
         self._hulls = Hulls(NO_WALLS if ground.torus else ground.walls, radius)
-        thick = None if ground.torus else thickened(ground.polygon, WALL, ROUNDED * self.smallest)
+        thick = None if ground.torus else thicken(ground.polygon, WALL, ROUNDED * self.smallest)
         self._rings, self._thick = (list(ground.rings), 0.0) if thick is None else (thick, WALL)
         self.touches = not ground.torus or bool(solid.any())
         self._start(position, alive)

@@ -134,7 +134,7 @@ def _flows(species: Sequence[Species]) -> Iterator[tuple[slice, int, int, float]
 
 def _compile_form(species: Sequence[Species], width: int) -> Form | None:
     """Return the form of the drive of the slots of `species`, None where it is the paper's for all."""
-    if not any(bent(s) for s in species):
+    if not any(has_bent_drive(s) for s in species):
         return None
     factors = np.ones((len(species), 2, width))
     for i, s in enumerate(species):
@@ -143,7 +143,7 @@ def _compile_form(species: Sequence[Species], width: int) -> Form | None:
     return Form(below, above, np.repeat([float(s.drive_power) for s in species], [s.slots for s in species]))
 
 
-def bent(species: Species) -> bool:
+def has_bent_drive(species: Species) -> bool:
     """Return whether the drive of a species has weights, an asymmetry or a power of its own."""
     return species.drive_power != 2 or any((need.weight, need.excess) != (1, 1) for need in species.needs)
 
@@ -212,7 +212,7 @@ def noise(body: Body, dt: float, rng: np.random.Generator) -> Floats:
 
 def drive_of(species: Species, delta: Floats) -> Floats:
     """Return d of one body of a species at delta (..., V) of its regulated needs, 0 of others, (...)."""
-    form = None if not bent(species) else Form(*drive_factors(species), np.array(float(species.drive_power)))
+    form = None if not has_bent_drive(species) else Form(*drive_factors(species), np.array(float(species.drive_power)))
     return drive(delta, species.drive_epsilon, float(species.drive_exponent), form)
 
 

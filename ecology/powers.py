@@ -88,7 +88,7 @@ def remember(where: Mapping[str, Slot], memory: Floats, values: Mapping[str, Any
 # ---- the outcome of a rule ---------------------------------------------------------------------
 
 
-def check(outcome: Outcome, scenario: Scenario, world: World, owner: str) -> None:
+def check_outcome(outcome: Outcome, scenario: Scenario, world: World, owner: str) -> None:
     """Raise EcologyError, which begins with `owner`, where a rule wants what cannot be."""
     state = world.state
     for word, like, low, high in (

@@ -65,7 +65,7 @@ class Scenario:
     numbering: tuple[int, int] = (0, 1)  # first serial and step between serials: islands share the numbers
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"scenario {self.name!r}"
         require(len(self.species) > 0, f"{owner}: at least one species.")
         require(
@@ -106,7 +106,7 @@ class Scenario:
         for species in self.species:
             self._check_species(species)
         for event in self.events:
-            verbs.check(self, event.do)
+            verbs.check_command(self, event.do)
 
     @property
     def events(self) -> list[Event]:
@@ -132,7 +132,7 @@ class Scenario:
         """Return a copy that shares the functions."""
         return _restored(type(self), copy.deepcopy(self.__dict__, memo))
 
-    def measured(self, state: State) -> list[float]:
+    def measure(self, state: State) -> list[float]:
         """Return the measures of `state`, in their order; EcologyError where one is no number."""
         found = []
         for name, measure in self.measures.items():
@@ -235,7 +235,7 @@ class Scenario:
         for name in species.cues:
             cues = [cue.name for cue in self.cues]
             require_known(name, cues, f"{owner}: it senses the cue {name!r}.")
-        heredity.check(species)
+        heredity.check_traits(species)
         for need in species.needs:
             leaks = [trait.bounds[1] for trait in species.traits if trait.of == f"{need.name}.leak"]
             fastest = (

@@ -94,7 +94,7 @@ def move(model: Model, state: State, base: Floats, intake: Floats, before: float
     state.set_point = np.where(state.alive[:, None], after, state.set_point)
 
 
-def check(wanted: Floats, scenario: Scenario, slots: Mapping[str, slice], owner: str) -> None:
+def check_set_points(wanted: Floats, scenario: Scenario, slots: Mapping[str, slice], owner: str) -> None:
     """Raise EcologyError, which begins with `owner`, where a rule puts set points (N, V) out of their range."""
     for species in scenario.species:
         for v, need in enumerate(species.needs):

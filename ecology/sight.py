@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 use_cache(__file__, plane.__file__, walls.__file__, elementary.__file__)
 
 
-class Eyes(NamedTuple):
+class Vision(NamedTuple):
     """The constants of sight: each slot's view field, and what may hide things."""
 
     half_angle: Floats  # (n,)
@@ -51,10 +51,10 @@ def hiding(ground: Ground) -> Walls:
     return NO_WALLS if ground.open else ground.walls
 
 
-def compile_eyes(species: tuple[Species, ...], ground: Ground) -> Eyes:
+def compile_vision(species: tuple[Species, ...], ground: Ground) -> Vision:
     """Return the constants of sight for the slots of `species`, in their order."""
     counts = [s.slots for s in species]
-    return Eyes(
+    return Vision(
         half_angle=np.repeat([s.view_angle / 2 for s in species], counts),
         range=np.repeat([s.view_range for s in species], counts),
         sees=np.repeat([bool(s.sees) or any(a.kind == "go_to" for a in s.actions) for s in species], counts),
@@ -62,17 +62,17 @@ def compile_eyes(species: tuple[Species, ...], ground: Ground) -> Eyes:
     )
 
 
-def eyes_now(model: Model, state: State) -> Eyes:
-    """Return the eyes of the bodies as they are now: fields and the rule may shorten how far they see."""
+def vision_now(model: Model, state: State) -> Vision:
+    """Return the vision of the bodies now: fields and the rule may shorten how far they see."""
     dims = model.fields is not None and model.fields.dims
     if state.sight is None and not dims:
-        return model.eyes
+        return model.vision
     share = fields.share(model, state, "dimming") if dims else np.ones(model.size)
-    far = np.minimum(model.eyes.range, model.plane.diagonal)  # of what has no end a share has none either
-    return model.eyes._replace(range=far * (share if state.sight is None else share * state.sight))
+    far = np.minimum(model.vision.range, model.plane.diagonal)  # of what has no end a share has none either
+    return model.vision._replace(range=far * (share if state.sight is None else share * state.sight))
 
 
-def find_patches(model: Model, state: State, eyes: Eyes, bodies: Bodies) -> tuple[Bools, Ints]:
+def find_patches(model: Model, state: State, vision: Vision, bodies: Bodies) -> tuple[Bools, Ints]:
     """Return where the patches are from each body; see `around`.
 
     A patch is seen within the angle and the range of the view field, with no wall between. An agent that has arrived at
@@ -80,7 +80,7 @@ def find_patches(model: Model, state: State, eyes: Eyes, bodies: Bodies) -> tupl
     """
     table = model.resources
     places = Places(state.resource_position, table.radius, table.kind, state.stock, state.available)
-    return around(eyes, bodies, places, len(model.scenario.resources), model.plane.period)
+    return around(vision, bodies, places, len(model.scenario.resources), model.plane.period)
 
 
 # ---- compiled loops ----------------------------------------------------------------------------
@@ -104,13 +104,13 @@ def _aside(dx: float, dy: float, d: float, heading: float, cos: float, sin: floa
 
 
 @compiled
-def in_view(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
+def in_view(vision: Vision, pairs: Pairs, position: Floats, heading: Floats, looks: Bools) -> Bools:
     """Return which pairs (P,) are seen by slots that look: within angle and range of the view field, no wall between.
 
     `position` (N, 2), `heading` and `looks` (N,) are by slot.
     """
     _, other, gap, distance, starts = pairs
-    half_angle, range_, _, walls = eyes
+    half_angle, range_, _, walls = vision
     seen = np.zeros(len(other), np.bool_)
     near = np.empty(len(walls.start), np.int64)
     for i in range(len(starts) - 1):
@@ -129,7 +129,7 @@ def in_view(eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, looks: 
 
 @compiled
 def around(
-    eyes: Eyes,
+    vision: Vision,
     bodies: Bodies,
     places: Places,
     kinds: int,
@@ -142,7 +142,7 @@ def around(
     `glimpse`, that it sees or is in, (3, n, K). Who has arrived is bound for nothing more, which is written. The plane
     begins again after its `period` (2,).
     """
-    half_angle, range_, looks, walls = eyes
+    half_angle, range_, looks, walls = vision
     place, radius, kind, stock, available = places
     alive, position, heading, bound_for = bodies.alive, bodies.position, bodies.heading, bodies.bound_for
     n, count = len(position), len(place)
@@ -187,14 +187,14 @@ def around(
 
 @compiled
 def nearest_seen(
-    eyes: Eyes, pairs: Pairs, position: Floats, heading: Floats, first: int, n: int, k: int, wanted: Bools
+    vision: Vision, pairs: Pairs, position: Floats, heading: Floats, first: int, n: int, k: int, wanted: Bools
 ) -> Ints:
     """Return the k nearest pairs that n slots from `first` on see, with slots that are `wanted` (N,): (n, k), -1 none.
 
     `position` (N, 2) and `heading` (N,) are by slot.
     """
     _, other, gap, distance, starts = pairs
-    half_angle, range_, _, walls = eyes
+    half_angle, range_, _, walls = vision
     found = np.full((n, k), -1)
     near = np.empty(len(walls.start), np.int64)
     for row in range(n):

@@ -62,7 +62,7 @@ class Season:
     phase: float = 0.0  # radians
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Season", amplitude=self.amplitude, period=self.period, phase=self.phase)
         require(self.period >= 1e-9, f"Season: period must be positive, at least 1e-9, got {self.period!r}.")
 
@@ -84,7 +84,7 @@ class Adaptation:
     phase: float = 0.0  # of the clock, radians
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         numbers = {name: getattr(self, name) for name in ("gain", "recovery", "relaxation", "swing", "period", "phase")}
         _finite("Adaptation", **numbers)
         for name in ("recovery", "relaxation", "swing"):
@@ -127,7 +127,7 @@ class Need:
     feeds: Mapping[str, float] = field(default_factory=dict)  # need -> units it gets per unit that leaks from this one
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"need {self.name!r}"
         _words(owner, self.name)
         _finite(
@@ -252,7 +252,7 @@ class Action:
     closes_at: Mapping[str, float] = field(default_factory=dict)  # need -> level from which the action is closed
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"action {self.name!r}"
         _words(owner, self.name)
         _finite(owner, speed=self.speed, turn=self.turn, duration=self.duration)
@@ -439,7 +439,7 @@ class Growth:
     season: Season | None = None  # factor of the rate over time
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Growth", rate=self.rate)
         require(self.rate > 0, f"Growth: rate must be positive, got {self.rate!r}; leave growth out for none.")
         require(
@@ -457,7 +457,7 @@ class Oscillation:
     phase: float = 0.0  # radians of the wave at time 0: 0 at the position, pi at `to`
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         require(len(self.to) == 2, f"Oscillation: to is (x, y), got {self.to!r}.")
         _finite("Oscillation", x=self.to[0], y=self.to[1], period=self.period, phase=self.phase)
         require(self.period >= 1e-9, f"Oscillation: period must be positive, at least 1e-9, got {self.period!r}.")
@@ -470,7 +470,7 @@ class Drift:
     spread: float  # standard deviation along x and along y, length per square root of a unit of time
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Drift", spread=self.spread)
         require(self.spread > 0, f"Drift: spread must be positive, got {self.spread!r}.")
 
@@ -496,7 +496,7 @@ class Seeding:
     reach: float = 1.0  # of offspring, farthest distance from its parent, length
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Seeding", rate=self.rate, offspring=self.offspring, reach=self.reach)
         require(
             self.rate >= 0 and self.offspring >= 0 and self.rate + self.offspring > 0,
@@ -535,7 +535,7 @@ class Resource:
     seeding: Seeding | None = None  # patches that appear by chance
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"resource {self.name!r}"
         self._check_coming_and_going(owner)
         _words(owner, self.name)
@@ -647,7 +647,7 @@ class Door:
     phase: float = 0.0  # share of the period that has passed at time 0
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"door {self.name!r}"
         _words(owner, self.name)
         for word, place in (("start", self.start), ("end", self.end)):
@@ -693,7 +693,7 @@ class Field:
         if isinstance(self.values, (list, tuple)):
             rows = tuple(tuple(row) if isinstance(row, (list, tuple)) else row for row in self.values)
             object.__setattr__(self, "values", rows)
-        typed.check(self)
+        typed.check_types(self)
         owner = f"field {self.name!r}"
         _words(owner, self.name)
         _finite(owner, scale=self.scale, diffusion=self.diffusion, decay=self.decay)
@@ -754,7 +754,7 @@ class Exposure:
     dimming: float = 0.0  # share of its view range that a body loses per unit of the field
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Exposure", reference=self.reference, slowing=self.slowing, dimming=self.dimming)
         _finite("Exposure", **self.control)
         require(
@@ -776,7 +776,7 @@ class Gauge(SenseSpec):
     gradient: bool = False  # whether the gradient is sensed
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         require(
             self.value or self.gradient,
             f"Gauge: nothing of the field {self.field!r} is sensed; give value or gradient.",
@@ -795,7 +795,7 @@ class Rays(SenseSpec):
     spread: float = 2 * math.pi  # radians between the outermost rays; all around by default
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Rays", range=self.range, spread=self.spread)
         require(self.range > 0, f"Rays: range must be positive, got {self.range!r}.")
         require(1 <= self.count <= 360, f"Rays: count must be a whole number from 1 to 360, got {self.count!r}.")
@@ -813,7 +813,7 @@ class Hearing(SenseSpec):
     range: float  # the farthest that is heard, length
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _words("Hearing", self.channel)
         _finite("Hearing", range=self.range)
         require(self.range > 0, f"Hearing: range must be positive, got {self.range!r}.")
@@ -830,7 +830,7 @@ class Trace(SenseSpec):
     rate: float  # share that fades per unit of time
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Trace", rate=self.rate)
         require(self.rate > 0, f"Trace: rate must be positive, got {self.rate!r}.")
 
@@ -849,7 +849,7 @@ class Fault:
     repair: float = 0.0  # rate at which it works again, per unit of time
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Fault", noise=self.noise, failure=self.failure, repair=self.repair)
         for word, value in (("noise", self.noise), ("failure", self.failure), ("repair", self.repair)):
             require(value >= 0, f"Fault: {word} must not be negative, got {value!r}.")
@@ -875,7 +875,7 @@ class Arena:
     doors: tuple[Door, ...] = ()  # inner walls that open and close
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         from ecology.ground.outline import check_outline  # loads what checks polygons, once an arena is made
 
         check_outline(self)
@@ -915,7 +915,7 @@ class Birth:
     limit: float = math.inf  # K: with n of the species alive the rate is multiplied by 1 - n / K, 0 from K on
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Birth", rate=self.rate, maturity=self.maturity)
         _finite("Birth", **self.threshold)  # apart: a need may have the name of a field
         require(self.rate >= 0, f"Birth: rate must not be negative, got {self.rate!r}; leave birth out for none.")
@@ -937,7 +937,7 @@ class Hazard:
     ageing: float = 0.0  # per unit of age
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Hazard", rate=self.rate, ageing=self.ageing)
         require(self.rate >= 0, f"Hazard: rate must not be negative, got {self.rate!r}.")
 
@@ -956,7 +956,7 @@ class Remains:
     causes: tuple[Cause, ...] = ("need", "hazard", "rule", "bitten", "eaten")  # causes of death that leave remains
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Remains", body=self.body)
         require(self.body >= 0, f"Remains: body must not be negative, got {self.body!r}.")
         for name, share in self.needs.items():
@@ -977,7 +977,7 @@ class Crowding:
     species: tuple[str, ...] = ()  # species that count as others; all when empty
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Crowding", within=self.within)
         _finite("Crowding", **self.control)
         require(self.within > 0, f"Crowding: within must be positive, got {self.within!r}.")
@@ -1000,7 +1000,7 @@ class Neighbours:
     identity: int = 0  # last binary digits of its serial that are sensed, as -1 or 1
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         require(
             isinstance(self.count, int) and self.count >= 1,
             f"Neighbours: count must be a whole number of at least 1, got {self.count!r}.",
@@ -1036,7 +1036,7 @@ class Empathy:
     lesion_at: float = 0.0  # time at which the lesion begins
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _finite("Empathy", weight=self.weight, lesion_at=self.lesion_at)
         _finite("Empathy", **self.needs)
         require(
@@ -1065,7 +1065,7 @@ class Trait:
     spread: float = 0.0  # standard deviation among founders and newcomers
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"trait {self.name!r}"
         _words(owner, self.name)
         require(len(self.bounds) == 2, f"{owner}: bounds are (lowest, highest), got {self.bounds!r}.")
@@ -1087,7 +1087,7 @@ class Stage:
     cannot: tuple[str, ...] = ()  # actions that are closed in this stage
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"stage {self.name!r}"
         _words(owner, self.name)
         numbers = {name: getattr(self, name) for name in ("age", "speed", "size", "metabolism")}
@@ -1111,7 +1111,7 @@ class Cue:
     start: float = 0.0  # shown at the start, from 0 to 1
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         _words(f"cue {self.name!r}", self.name)
         require(0 <= self.start <= 1, f"cue {self.name!r}: start must lie from 0 to 1, got {self.start!r}.")
 
@@ -1131,7 +1131,7 @@ class Event:
     felt: bool = True  # whether agents experience its effect in reward and learning, as any other change
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"event {self.do!r}"
         _finite(owner, at=self.at)
         require(self.at >= 0, f"{owner}: at must not be negative, got {self.at!r}.")
@@ -1161,7 +1161,7 @@ class Session:
     random: bool = False  # whether the gap is drawn: exponentially distributed
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"session {self.name!r}"
         _words(owner, self.name)
         _finite(owner, length=self.length, gap=self.gap)
@@ -1216,7 +1216,7 @@ class Species:
     learner_settings: Mapping[str, object] = field(default_factory=dict)  # setting -> value
 
     def __post_init__(self) -> None:
-        typed.check(self)
+        typed.check_types(self)
         owner = f"species {self.name!r}"
         if self.position is not None:
             require(len(self.position) == 2, f"{owner}: position is (x, y), got {self.position!r}.")

@@ -139,6 +139,6 @@ class _ReadOnly(State):
 
     def __setattr__(self, name: str, value: object) -> None:
         raise EcologyError(
-            f"the state is read-only, {name!r} cannot be set; use `env.put({name}=...)` between ticks, and the outcome "
-            "of a rule within one."
+            f"the state is read-only, {name!r} cannot be set; use `env.set_state({name}=...)` between ticks, and the "
+            "outcome of a rule within one."
         )

@@ -26,7 +26,7 @@ PLAIN = {
 }
 
 
-def check(word: Any) -> None:
+def check_types(word: Any) -> None:
     """Raise EcologyError where a field of the dataclass `word` is not of its annotated type.
 
     A list does for a tuple, and a NumPy scalar for a number, which the field then holds as Python's own. How long a
@@ -42,7 +42,7 @@ def check(word: Any) -> None:
             object.__setattr__(word, field.name, value)  # the words are frozen
         for where, wanted, found in _wrong(field.name, kind, value):
             write = _to_write(field.name, kind, value)
-            raise EcologyError(f"{owner}: {where} must be {_said(wanted)}{write}, got {_shown(found)}.")
+            raise EcologyError(f"{owner}: {where} must be {_describe_type(wanted)}{write}, got {_show(found)}.")
 
 
 def plain(value: Any) -> Any:
@@ -105,11 +105,11 @@ def _is_one(value: Any, kind: Any, origin: Any, parts: tuple[Any, ...]) -> bool:
     return isinstance(value, kind)
 
 
-def _said(kind: Any) -> str:
+def _describe_type(kind: Any) -> str:
     """Return what is of the type `kind`, in words."""
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (Union, UnionType):
-        return " or ".join(map(_said, parts))
+        return " or ".join(map(_describe_type, parts))
     if origin is tuple:
         return f"a tuple of {_many(parts[0])}" if parts[-1] is Ellipsis else f"a pair of {_many(parts[0])}"
     if origin is Mapping:
@@ -119,13 +119,13 @@ def _said(kind: Any) -> str:
     if origin is Callable:
         return "a function"
     if kind not in PLAIN and not is_dataclass(kind) and (kinds := kind.__subclasses__()):
-        return " or ".join(map(_said, kinds))  # a base class, such as `SenseSpec`
+        return " or ".join(map(_describe_type, kinds))  # a base class, such as `SenseSpec`
     return PLAIN.get(kind) or f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}"
 
 
 def _many(kind: Any) -> str:
     """Return what several of the type `kind` are, in words."""
-    said = _said(kind).removeprefix("an ").removeprefix("a ")
+    said = _describe_type(kind).removeprefix("an ").removeprefix("a ")
     if typing.get_origin(kind) is tuple:
         return said.replace("pair of", "pairs of").replace("tuple of", "tuples of")
     return said if kind not in PLAIN and not typing.get_args(kind) else f"{said}s"
@@ -136,10 +136,10 @@ def _to_write(name: str, kind: Any, value: Any) -> str:
     parts = typing.get_args(kind)
     if typing.get_origin(kind) is not tuple or parts[-1] is not Ellipsis or any(_wrong(name, parts[0], value)):
         return ""
-    one = _shown(value) if parts[0] in PLAIN else f"{type(value).__name__}(...)"
+    one = _show(value) if parts[0] in PLAIN else f"{type(value).__name__}(...)"
     return f": write {name}=({one},)"
 
 
-def _shown(value: Any) -> str:
+def _show(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

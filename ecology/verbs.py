@@ -185,7 +185,7 @@ def switch(what: str, word: str) -> bool:
     return word == "on"
 
 
-def shown(scenario: Scenario, name: str, word: str) -> float:
+def cue_value_of(scenario: Scenario, name: str, word: str) -> float:
     """Return what is to be shown of a cue."""
     names = [cue.name for cue in scenario.cues]
     if name not in names:
@@ -199,7 +199,7 @@ def shown(scenario: Scenario, name: str, word: str) -> float:
 # ---- before it is done -----------------------------------------------------------------------
 
 
-def check(scenario: Scenario, text: str) -> None:
+def check_command(scenario: Scenario, text: str) -> None:
     """Raise EcologyError where an intervention cannot be done in any state of the world of `scenario`."""
     verb, words = split(text)
     name = words[0]
@@ -219,11 +219,11 @@ def check(scenario: Scenario, text: str) -> None:
         if verb == "empathy":
             require(species.empathy is not None, f"the species {name!r} has no empathy.")
     elif verb == "show":
-        shown(scenario, name, words[1])
+        cue_value_of(scenario, name, words[1])
     elif verb == "change":
-        from ecology.paths import changed  # the scenario's own check asks for this one
+        from ecology.paths import with_change  # the scenario's own check asks for this one
 
-        changed(scenario, name, number(name, words[1]))
+        with_change(scenario, name, number(name, words[1]))
     if verb in ("move", "put"):
         place(scenario, *words[1:3])
 

@@ -34,7 +34,7 @@ from ecology import (
 from ecology.errors import EcologyError, nearest
 from ecology.ground import wrap
 from ecology.model import Model, compile_model
-from ecology.paths import changed
+from ecology.paths import with_change
 from ecology.physics import Physics, velocities
 from ecology.senses import Perception, faults
 from ecology.spec import require
@@ -99,7 +99,7 @@ class ArrayWorld:
         self.model = model = doors.fit(self.model)
         self.seed, self.reweighed = seed, {}
         concerns = (*CONCERNS, heredity.STREAM) if model.heredity is not None else CONCERNS
-        concerns = (*concerns, "senses") if any(gaze.faults for gaze in model.gazes) else concerns
+        concerns = (*concerns, "senses") if any(spec.faults for spec in model.observation_specs) else concerns
         concerns = (*concerns, "yield") if model.yields else concerns
         streams = np.random.SeedSequence(seed).spawn(len(concerns))
         self._rng = {name: np.random.default_rng(stream) for name, stream in zip(concerns, streams, strict=True)}
@@ -182,25 +182,25 @@ class ArrayWorld:
     def _perceive(self, state: State, last: neighbours.Pairs | None) -> Perception:
         """Return what bodies see and can do, and update what they feel; there are about as many pairs as the `last`."""
         model = self.model
-        eyes = sight.eyes_now(model, state)
+        vision = sight.vision_now(model, state)
         state.own("bound_for")
         bodies = state.bodies()
-        reached, patches = sight.find_patches(model, state, eyes, bodies)
+        reached, patches = sight.find_patches(model, state, vision, bodies)
         state.inside, state.seen, here, toward = reached[0], reached[1], patches[0], patches[1]
         if model.appearing is not None and model.appearing.comes:
             there = ~appearing.absent(model, state.stock)
             state.inside, state.seen = state.inside & there, state.seen & there
         pairs = neighbours.find(model.plane, state.position, state.alive, model.near, last) if model.near else None
         targets = meetings.aim(model, state, pairs)
-        empathy.update_drives(model, state, eyes, pairs, self.lesion_order, self.reweighed)
+        empathy.update_drives(model, state, vision, pairs, self.lesion_order, self.reweighed)
         masks = actions.open_actions(model, state, bodies, here, toward, targets)
         hauling.close_actions(model, state, here, masks)
-        return Perception(here, toward, patches[2], pairs, targets, masks, eyes)
+        return Perception(here, toward, patches[2], pairs, targets, masks, vision)
 
     def _sense(self, state: State) -> None:
         """Draw what faulty senses read in this tick, and let memories fade and take up what is sensed."""
         if state.failed is not None:
-            faults.draw(self.model, state, self._rng["senses"])
+            faults.draw_faults(self.model, state, self._rng["senses"])
         senses.remember(self.model, state, self.perception)
 
     def _observe(
@@ -217,8 +217,8 @@ class ArrayWorld:
         tick = object.__new__(Tick)  # a frozen dataclass sets its fields one by one, which takes microseconds
         tick.__dict__.update(
             observations={
-                name: senses.observe(model, gaze, state, seen)
-                for name, gaze in zip(model.groups, model.gazes, strict=True)
+                name: senses.observe(model, spec, state, seen)
+                for name, spec in zip(model.groups, model.observation_specs, strict=True)
             },
             masks=seen.masks,
             reward=reward,
@@ -249,13 +249,13 @@ class ArrayWorld:
 
     # ---- what observers may ask ------------------------------------------------------------
 
-    def sighted(self, slot: int) -> Ints:
+    def find_visible(self, slot: int) -> Ints:
         """Return the slots of the others that the agent in `slot` sees now, (k,); none if its species does not look."""
         model, state, pairs = self.model, self.state, self.perception.pairs
         if pairs is None or not model.looks[slot]:
             return np.empty(0, np.int64)
         looks = np.arange(model.size) == slot
-        return pairs.other[self.perception.eyes.sees_others(pairs, state.position, state.heading, looks)]
+        return pairs.other[self.perception.vision.sees_others(pairs, state.position, state.heading, looks)]
 
     def coupling(self, species: str, need: str | None = None) -> tuple[Floats, Ints] | None:
         """Return the weights of empathy, see `Ecology.coupling`."""
@@ -270,18 +270,18 @@ class ArrayWorld:
         column = None if need is None else needs.index(need)
         state = self.state
         seen = self.perception
-        weight = empathy.weigh(model, state, seen.eyes, coupling, seen.pairs, self.lesion_order, self.reweighed)
+        weight = empathy.weigh(model, state, seen.vision, coupling, seen.pairs, self.lesion_order, self.reweighed)
         return empathy.weights(coupling, weight, state.alive, column)
 
     # ---- changing a world between ticks ------------------------------------------------------
 
-    def put(self, **values: Any) -> Tick:
-        """Overwrite fields of the state between ticks, see `Ecology.put`."""
+    def set_state(self, **values: Any) -> Tick:
+        """Overwrite fields of the state between ticks, see `Ecology.set_state`."""
         model, before = self.model, self.state
         changed = changes.read(values, before)
         if "alive" in changed:
             changes.rename(changed, before, model)
-        changes.check(changed, before, model)
+        changes.check_changes(changed, before, model)
         state = before.next()
         for name, value in changed.items():
             setattr(state, name, value)
@@ -361,15 +361,15 @@ class ArrayWorld:
     def change(self, path: str, value: float) -> Tick:
         """Change a number of the scenario between ticks, see `Ecology.change`."""
         state = self.state.next()
-        self.model = doors.fit(self._changed(self.model, path, value), state.doors)
+        self.model = doors.fit(self._with_change(self.model, path, value), state.doors)
         self.changes = {**self.changes, path: float(value)}
         self._touch(state)
         return self._resume(state)
 
     @staticmethod
-    def _changed(model: Model, path: str, value: float) -> Model:
+    def _with_change(model: Model, path: str, value: float) -> Model:
         """Return the model of the scenario with the number at `path` changed."""
-        found = compile_model(changed(model.scenario, path, value))
+        found = compile_model(with_change(model.scenario, path, value))
         differ = model.like(found)
         require(
             not differ,
@@ -457,7 +457,9 @@ def _plain(state: State) -> dict[str, Any]:
 def _first_senses(model: Model) -> dict[str, Any]:
     """Return the arrays of memories and faults at the start, where any species has them."""
     found: dict[str, Any] = {}
-    traces, faulty = (max(map(len, parts)) for parts in zip(*((g.traces, g.faults) for g in model.gazes), strict=True))
+    traces, faulty = (
+        max(map(len, parts)) for parts in zip(*((s.traces, s.faults) for s in model.observation_specs), strict=True)
+    )
     if traces:
         found["traces"] = np.zeros((model.size, traces))
     if faulty:

@@ -163,7 +163,7 @@ def load(name: str, /, **changes: Any) -> Scenario:
     from ecology.archipelago import Archipelago  # slow to load
     from ecology.scenario import Scenario
 
-    built = _built(name, changes)
+    built = _build(name, changes)
     if isinstance(built, Archipelago):
         raise EcologyError(f"{name!r} is an archipelago, and not one world; run it with: ecology archipelago {name}")
     if not isinstance(built, Scenario):
@@ -177,7 +177,7 @@ def load_archipelago(name: str, /, **changes: Any) -> Archipelago:
     """Return the archipelago `name` (or of the file at that path) with `changes` to its settings."""
     from ecology.archipelago import Archipelago  # slow to load
 
-    built = _built(archipelago_file(name), changes)
+    built = _build(archipelago_file(name), changes)
     if not isinstance(built, Archipelago):
         raise EcologyError(
             f"`build` of the archipelago {name!r} must return an ecology.Archipelago, got {type(built).__name__}; one "
@@ -186,11 +186,11 @@ def load_archipelago(name: str, /, **changes: Any) -> Archipelago:
     return built
 
 
-def _built(name: str, changes: Mapping[str, Any]) -> Any:
+def _build(name: str, changes: Mapping[str, Any]) -> Any:
     """Return the result of `build` of a file, with the settings resolved."""
     build = module(name).build
     defaults = _defaults(name, build)
-    resolved = {**defaults, **_checked(name, defaults, changes)}
+    resolved = {**defaults, **_check_settings(name, defaults, changes)}
     try:
         built = build(**resolved)
     except EcologyError:
@@ -211,7 +211,7 @@ def _defaults(name: str, build: Callable[..., Any]) -> dict[str, Any]:
     return {key: parameter.default for key, parameter in parameters.items()}
 
 
-def _checked(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _check_settings(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     checked = {}
     for key, value in changes.items():
         if key not in defaults:

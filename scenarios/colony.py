@@ -99,7 +99,7 @@ def build(
 
 def starve(world: World, _: np.random.Generator) -> Outcome:
     """Return the death of all who have nothing left; too much does not kill."""
-    outcome = world.nothing()
+    outcome = world.no_effect()
     for species, rows in world.slots.items():
         outcome.killed[rows] = world.state.internal[rows, world.column(species, "food")] <= 0
     return outcome

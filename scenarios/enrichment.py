@@ -39,7 +39,7 @@ def build(
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
         """Place all living agents at random, and let a predator be born of a share e of the kills."""
-        outcome, state = world.nothing(), world.state
+        outcome, state = world.no_effect(), world.state
         anywhere = side * rng.random(state.position.shape)
         outcome.position = np.where(state.alive[:, None], anywhere, state.position)
         killers = np.flatnonzero(state.bit >= 0)

@@ -25,7 +25,7 @@ APART = 6.0  # length between pairs, which know nothing of each other
 
 def rule(world: World, rng: np.random.Generator) -> Outcome:
     """Feed one of each pair, let the other fall; kill both when either was low for too long."""
-    outcome, state = world.nothing(), world.state
+    outcome, state = world.no_effect(), world.state
     possessor, partner = world.slots["possessor"], world.slots["partner"]
     x = state.internal
     energy, low = np.stack([x[possessor, 0], x[partner, 0]]), x[partner, 1:3].T  # (2, pairs)

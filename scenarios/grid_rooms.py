@@ -26,7 +26,7 @@ APART = 8.0  # length between pairs, which know nothing of each other
 
 def rule(world: World, rng: np.random.Generator) -> Outcome:
     """Move the possessors from cell to cell, hand over food and take it; who is left alone dies too."""
-    outcome, state = world.nothing(), world.state
+    outcome, state = world.no_effect(), world.state
     possessor, partner = world.slots["possessor"], world.slots["partner"]
     new = state.age[possessor] == 0
     drawn, cell = rng.uniform(-SPREAD, SPREAD, (2, len(new))), rng.integers(CELLS, size=len(new))

@@ -19,7 +19,7 @@ NEAR = 3.0  # how far hunters see, length
 
 def scatter(world: World, rng: np.random.Generator) -> Outcome:
     """Move bitten prey to random places."""
-    outcome, state = world.nothing(), world.state
+    outcome, state = world.no_effect(), world.state
     bitten = state.bit[state.bit >= 0]
     if bitten.size:
         outcome.position = state.position.copy()

@@ -43,7 +43,7 @@ def build(
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
         """Let givers give to a member of their group, set the next cost, and replace generations."""
-        outcome, state = world.nothing(), world.state
+        outcome, state = world.no_effect(), world.state
         living = np.flatnonzero(state.alive)
         home = np.column_stack([np.repeat(np.arange(groups), size) * APART + APART / 2, np.ones(count)])
         if state.tick == 0:  # the first generation finds its groups

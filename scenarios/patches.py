@@ -22,7 +22,7 @@ UNMET = 1000.0  # set point: far above all that is eaten
 
 def refill(world: World, rng: np.random.Generator) -> Outcome:  # noqa: ARG001
     """Fill the patches in which no agent stands."""
-    outcome, state = world.nothing(), world.state
+    outcome, state = world.no_effect(), world.state
     left = ~(state.inside & state.alive[:, None]).any(axis=0)
     outcome.stock = np.where(left, A - state.stock, 0.0)
     return outcome

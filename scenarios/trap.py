@@ -43,7 +43,7 @@ REWARD = 100.0  # the original's reward per fall of the drive
 
 def rule(world: World, rng: np.random.Generator) -> Outcome:
     """Move both, trap one now and then, hand food over; who is left alone dies too."""
-    outcome, state = world.nothing(), world.state
+    outcome, state = world.no_effect(), world.state
     x, carried = state.internal.T
     drawn, place = rng.uniform(-1, 1, (2, 3)), state.position.copy()
     if state.age[0] == 0:

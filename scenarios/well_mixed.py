@@ -40,7 +40,7 @@ def build(
 
     def scatter(world: World, rng: np.random.Generator) -> Outcome:
         """Put everybody alive anywhere."""
-        outcome, state = world.nothing(), world.state
+        outcome, state = world.no_effect(), world.state
         anywhere = side * rng.random(state.position.shape)
         outcome.position = np.where(state.alive[:, None], anywhere, state.position)
         return outcome

@@ -140,11 +140,11 @@ def strict():
     rr.set_strict_mode(True)
 
 
-def rerun_observer(*args, serve=None, connect=None, resume=False, wishes=None, **kwargs):
+def rerun_observer(*args, serve=None, connect=None, resume=False, requests=None, **kwargs):
     """Return a RerunObserver; rerun is loaded by the tests that use it."""
     from ecology.observers.rerun import Recorded, RerunObserver, Viewers
 
-    run = Recorded(resume=resume, wishes=wishes)
+    run = Recorded(resume=resume, requests=requests)
     return RerunObserver(*args, viewers=Viewers(serve, connect), run=run, **kwargs)
 
 

@@ -46,9 +46,9 @@ def test_every_case_draws_a_figure_of_whatever_is_done(name):
 
 def test_cooling_ahead_saves_from_the_load():
     """The peaks and drives of the equation, and 48 ticks to death without; a weaker load gives other numbers."""
-    done = {f"ahead-{k}": heat.scripted(k) for k in (0, 16)}
+    done = {f"ahead-{k}": heat.measure_scripted(k) for k in (0, 16)}
     assert set(verdicts(heat, done)) == {"agrees"}
-    weaker = {f"ahead-{k}": heat.scripted(k, load=6.0) for k in (0, 16)}
+    weaker = {f"ahead-{k}": heat.measure_scripted(k, load=6.0) for k in (0, 16)}
     assert "differs from the closed form" in "".join(verdicts(heat, weaker))
 
 
@@ -61,7 +61,7 @@ def test_shivering_follows_its_kinetics():
 
 def test_intake_escalates_with_long_access():
     """Infusions and set point after twelve days of six hours; those of one hour are none of these."""
-    long, short = addiction.scripted(6.0), addiction.scripted(1.0)
+    long, short = addiction.measure_scripted(6.0), addiction.measure_scripted(1.0)
     found = verdicts(addiction, {"scripted-6": long, "scripted-1": short})
     assert found[1] == found[3] == "agrees"
     assert "agrees" not in verdicts(addiction, {"scripted-6": short, "scripted-1": long})
@@ -86,7 +86,7 @@ def test_curvature_sets_the_spread():
 
 def test_agents_are_free_and_ideal():
     """Numbers match inputs at 4:1; agents that go anywhere do not."""
-    free, blind = two_pools.scripted(4.0, 0.0), two_pools.scripted(4.0, 1.0)
+    free, blind = two_pools.measure_scripted(4.0, 0.0), two_pools.measure_scripted(4.0, 1.0)
     assert free["left"] / free["right"] == pytest.approx(4.0, rel=0.15)
     assert free["intake left"] == pytest.approx(free["intake right"], rel=0.1)
     assert blind["left"] / blind["right"] < 2
@@ -96,11 +96,11 @@ def test_agents_are_free_and_ideal():
 
 def test_patches_are_left_when_charnov_says():
     """The residence of an agent that knows its mean rate; travel of 5 and of 20 are told apart."""
-    done = {f"scripted-{t}": patches.scripted(t) for t in (5, 20)}
+    done = {f"scripted-{t}": patches.measure_scripted(t) for t in (5, 20)}
     assert set(verdicts(patches, done)) == {"agrees"}
     assert "agrees" not in verdicts(patches, {"scripted-5": done["scripted-20"], "scripted-20": done["scripted-5"]})
     assert [patches.charnov(t) for t in (5, 80)] == pytest.approx([12.65, 38.74], abs=0.01)
-    assert patches.discounted(20, 0.999999) == pytest.approx(patches.charnov(20), abs=0.1)
+    assert patches.best_discounted_residence(20, 0.999999) == pytest.approx(patches.charnov(20), abs=0.1)
 
 
 def test_hunters_take_what_holling_says():
@@ -109,7 +109,7 @@ def test_hunters_take_what_holling_says():
     def rate(handling):
         return 0.02 * 1.0 / (1 + 0.02 * handling * 1.0)
 
-    found = hunting.scripted(1.0, 0)
+    found = hunting.measure_scripted(1.0, 0)
     assert found == pytest.approx(rate(60.0), rel=0.1)
     assert abs(found - rate(30.0)) > 0.2 * found
     assert hunting.fit({n: 0.02 * n / (1 + 1.2 * n) for n in (0.5, 1, 4)}) == pytest.approx((0.02, 60.0))

@@ -73,7 +73,7 @@ def test_a_patch_that_is_eaten_up_is_gone_though_its_kind_grows():
             growth=Growth(rate=0.01),
         )
         env = start(square(kind("agent", consume("berries", {"food": 1.0}), position=(4.0, 4.0)), resources=(food,)))
-        env.put(internal=np.full((1, 1), 1.0))
+        env.set_state(internal=np.full((1, 1), 1.0))
         state = lived(env, 3, agent="consume_berries")
         assert bool(state.stock[0] > 0) is left
         assert bool(state.inside[0, 0]) is left
@@ -93,7 +93,7 @@ def mortal(**words):
 
 def killer(world, rng):
     """Kill everybody in the second tick."""
-    outcome = world.nothing()
+    outcome = world.no_effect()
     outcome.killed[:] = world.state.tick == 1
     return outcome
 
@@ -142,14 +142,14 @@ def test_a_carcass_feeds_as_much_as_the_body_had():
     eater = kind("eater", consume("carcass", {"food": 0.25}), go_to("carcass", 0.6), position=(5.0, 4.0))
 
     def kill_prey(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.killed[world.slots["agent"]] = True
         return outcome
 
     env = start(square(prey, eater, resources=(carcass,), rule=kill_prey))
     lived(env, 1)
     lived(env, 1, eater="go_to_carcass")
-    env.put(internal=np.array([[1.0, 1.0], [0.0, 0.0]]))
+    env.set_state(internal=np.array([[1.0, 1.0], [0.0, 0.0]]))
     before = env.state_view.internal[1, 0]
     state = lived(env, 20, eater="consume_carcass")
     assert state.internal[1, 0] - before == pytest.approx(2.0)
@@ -190,7 +190,7 @@ def test_no_seed_lands_behind_a_wall():
     env = start(square(kind(radius=0.01), arena=arena, resources=(food,)))
     place = env.state_view.resource_position.copy()
     place[0] = (3.9, 1.0)
-    env.put(resource_position=place)
+    env.set_state(resource_position=place)
     state = lived(env, 12)
     places = state.resource_position[state.stock > 0]
     assert len(places) > 20
@@ -205,7 +205,7 @@ def rule_of(change):
     """Return a rule that lets `change(outcome, world)` write into its outcome."""
 
     def rule(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         change(outcome, world)
         return outcome
 
@@ -276,7 +276,7 @@ def test_a_rule_remembers_in_the_snapshot():
 
     scenario = square(kind(), rule=rule_of(change), memory={"count": 0, "grid": ((0.0, 0.0), (0.5, 0.0))})
     env = start(scenario)
-    env.put(internal=np.zeros((1, 1)))
+    env.set_state(internal=np.zeros((1, 1)))
     lived(env, 2)
     other = parallel_env(scenario)
     other.restore(*env.snapshot())

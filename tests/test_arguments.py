@@ -105,9 +105,9 @@ def test_a_world_leaves_what_it_is_given_as_it_was(name: str) -> None:
             fields = {"internal": env.state_view.internal.copy(), "position": env.state_view.position.copy()}
             arrays, values = env.snapshot()
             put = Given(fields=fields, arrays=arrays, values=values)
-            tick = env.put(**fields)
+            tick = env.set_state(**fields)
             twin.restore(arrays, values)
-            other = twin.put(**fields)
+            other = twin.set_state(**fields)
             put.stays()
     given.stays()
     put.stays()  # nor is it written into later

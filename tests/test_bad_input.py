@@ -490,7 +490,7 @@ def env():
     env.reset(seed=0)
     internal = env.state_view.internal.copy()
     internal[2] = -1.0
-    env.put(internal=internal)
+    env.set_state(internal=internal)
     env.step(dict.fromkeys(env.agents, 0))
     assert env.agents == ["agent_0", "agent_1"]
     return env
@@ -558,7 +558,7 @@ def test_a_world_that_has_not_started_says_so():
         lambda: env.step_arrays(np.zeros(1, np.int64)),
         lambda: env.state_view,
         lambda: env.state(),
-        lambda: env.put(),
+        lambda: env.set_state(),
     ):
         with pytest.raises(EcologyError, match="call reset"):
             too_early()
@@ -583,10 +583,10 @@ def test_an_unknown_agent_has_no_space(env):
 def test_a_wrong_probe_is_named(env):
     """`put` knows the fields of the state and their shapes."""
     with pytest.raises(EcologyError, match=r"no array 'positon'.*'position'"):
-        env.put(positon=np.zeros((3, 2)))
+        env.set_state(positon=np.zeros((3, 2)))
     with pytest.raises(EcologyError, match=r"shape \(3, 2\), got \(2,\)"):
-        env.put(position=np.zeros(2))
-    env.put(position=np.full((3, 2), 2.0))
+        env.set_state(position=np.zeros(2))
+    env.set_state(position=np.full((3, 2), 2.0))
     assert (env.state_view.position == 2.0).all()
 
 

@@ -148,7 +148,7 @@ def test_planner_reaches_every_resource_from_random_places(quick, changes):
     for trial in range(12):
         goal = trial % 4
         place = planner_place(scenario, rng)
-        tick = env.put(position=place[None], heading=rng.uniform(-3, 3, 1))
+        tick = env.set_state(position=place[None], heading=rng.uniform(-3, 3, 1))
         traveller.begin()
         way = traveller.paths.distance(place[None], traveller.places[goal])[0] - traveller.radii[goal]
         budget = 1.5 * max(way, 0.0) / 0.1 + 12
@@ -187,7 +187,7 @@ def test_yardsticks_keep_to_the_mask(quick):
     env = Ecology(scenario)
     learner = Planner(env.groups["agent"], SEED, scenario)
     tick = env.reset_arrays(0)
-    tick = env.put(internal=np.array([[1.0, 2.0, 0.1, 9.99]]))
+    tick = env.set_state(internal=np.array([[1.0, 2.0, 0.1, 9.99]]))
     loop.run(env, {"agent": learner}, tick, 1200)
     assert env.state_view.closed.sum() == 0
 

@@ -206,7 +206,7 @@ def hunted(sheep: int = 2, **bites: object) -> tuple[Ecology, Notes, Tick]:
     )
     notes = Notes(env.groups["sheep"], env.groups["sheep"].actions.index("rest"))
     wolf = Notes(env.groups["wolf"], env.groups["wolf"].actions.index("bite_sheep"))
-    return env, notes, loop.run(env, {"sheep": notes, "wolf": wolf}, env.put(), 1)
+    return env, notes, loop.run(env, {"sheep": notes, "wolf": wolf}, env.set_state(), 1)
 
 
 def test_a_fatal_tick_reaches_the_learner() -> None:

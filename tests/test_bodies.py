@@ -73,7 +73,7 @@ def test_a_clock_moves_a_set_point(dt):
     found = lived(env, "rest", round(60 / dt))
     time = dt * np.arange(1, len(found) + 1)
     assert found == pytest.approx(2.0 + 0.8 * np.sin(2 * np.pi * time / 24 + 1.0))
-    env.put(alive=np.array([False]))
+    env.set_state(alive=np.array([False]))
     env.settle("user", (1.0, 1.0))
     assert env.state_view.set_point[0, 0] == pytest.approx(found[-1])
 
@@ -121,7 +121,7 @@ def test_a_rule_moves_set_points_within_their_range():
     """What a rule says is the set point from then on; beyond the set_range it is told so."""
 
     def rule(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.set_point = world.state.set_point + 0.5
         return outcome
 
@@ -191,7 +191,7 @@ def test_the_drive_has_its_form_in_the_world_and_in_every_learner(power, exponen
     drive, slope = from_python(encoding.drive), from_python(first_order.add_drive_slope)
     for _ in range(20):
         internal = rng.uniform(0.2, 5.8, (2, 3))
-        tick = env.put(internal=internal)
+        tick = env.set_state(internal=internal)
         delta = internal[0] - [2.0, 3.0, 1.0]
         expected = by_hand(delta, power, exponent)
         assert tick.drive[0] == pytest.approx(expected)
@@ -233,7 +233,7 @@ def test_torch_knows_the_form_of_the_drive():
 def test_empathy_feels_the_form_of_the_others_drive(form):
     """Sum form: w times the other's own drive. Average form: the drive of mixed deviations; learners know both."""
     env = start(formed(3.0, 1.5, empathy=Empathy(weight=0.4, form=form)))
-    tick = env.put(internal=np.array([[1.0, 4.0, 1.0], [4.0, 2.5, 0.0]]))
+    tick = env.set_state(internal=np.array([[1.0, 4.0, 1.0], [4.0, 2.5, 0.0]]))
     one, other = np.array([-1.0, 1.0, 0.0]), np.array([2.0, -0.5, 0.0])
     mixed = by_hand(0.6 * one + 0.4 * other, 3.0, 1.5)
     added = by_hand(one, 3.0, 1.5) + 0.4 * by_hand(other, 3.0, 1.5)

@@ -94,7 +94,7 @@ count = [0]
 
 def rule(world, rng):
     count[0] += 1
-    outcome = world.nothing()
+    outcome = world.no_effect()
     outcome.received[:] = count[0] / 1000
     return outcome
 """

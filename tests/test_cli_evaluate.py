@@ -102,7 +102,7 @@ def test_an_evaluation_is_there_when_it_is_whole(
         raise OSError("no space")
 
     with monkeypatch.context() as patch:
-        patch.setattr(figures, "draw", fail)
+        patch.setattr(figures, "draw_evaluation", fail)
         code, _, err = ecology(*evaluate)
     assert code == 2
     assert "'mine' cannot be written (no space)" in err

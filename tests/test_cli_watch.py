@@ -123,7 +123,7 @@ def test_a_recording_of_which_nothing_is_left_is_an_error(ecology: Command, size
         assert "'mine/recording.rrd'" in err
     assert not Path("x.png").exists()
     assert not Path("x.gif").exists()
-    with pytest.raises(EcologyError, match="recording"), viewer.complete(Path("mine")):
+    with pytest.raises(EcologyError, match="recording"), viewer.open_recording(Path("mine")):
         pass
     assert (path.read_bytes(), set(Path("mine").iterdir())) == before
 

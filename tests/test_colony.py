@@ -16,7 +16,7 @@ def pair(deviations=HUNGRY, **settings):
     """Return a nest with one nurse and one of the brood at the given deviations."""
     env = ecology.parallel_env(scenarios.load("colony", nurses=1, brood=1, **settings))
     env.reset_arrays(seed=0)
-    env.put(internal=SET_POINT + np.array(deviations)[:, None])
+    env.set_state(internal=SET_POINT + np.array(deviations)[:, None])
     return env
 
 
@@ -73,7 +73,7 @@ def lesioned(lesion, ticks=3):
     """Return drive less own drive of three nurses beside a brood of three, each as hungry as no other, and env."""
     env = ecology.parallel_env(scenarios.load("colony", weight=1.0, lesion=lesion, lesion_at=2.0))
     env.reset_arrays(seed=0)
-    env.put(internal=np.array([2.0, 2.0, 2.0, 1.5, 1.0, 0.5])[:, None])
+    env.set_state(internal=np.array([2.0, 2.0, 2.0, 1.5, 1.0, 0.5])[:, None])
     felt = []
     for _ in range(ticks):
         tick = env.step_arrays(np.zeros(env.size, np.int64))
@@ -94,7 +94,7 @@ def test_lesions_begin_at_their_time():
 def test_who_starves_dies_and_who_is_full_does_not():
     """A member with nothing left is dead a tick later; one at the upper bound lives on."""
     env = pair((0.0, 0.0))
-    env.put(internal=np.array([[4.0], [0.005]]))
+    env.set_state(internal=np.array([[4.0], [0.005]]))
     for alive in (True, False):
         tick = env.step_arrays(np.zeros(2, np.int64))
         assert tick.alive.tolist() == [True, alive]

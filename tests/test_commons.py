@@ -24,7 +24,7 @@ def pool(n, ticks, **settings):
     env = ecology.parallel_env(scenarios.load("commons", n=n, **words))
     env.reset_arrays(seed=0)
     middle = env.scenario.resources[0].position
-    env.put(position=crowd(middle, n))
+    env.set_state(position=crowd(middle, n))
     eat = np.full(n, env.groups["agent"].actions.index("consume_pool"))
     stock = [env.state_view.stock[0]]
     for _ in range(ticks):
@@ -75,7 +75,7 @@ def test_who_starts_below_the_threshold_stock_loses_the_pool():
     for stock, survives in ((0.99 * least, False), (1.01 * least, True)):
         env = ecology.parallel_env(scenarios.load("commons", n=n, growth=GROWTH, capacity=CAPACITY, appetite=APPETITE))
         env.reset_arrays(seed=0)
-        env.put(position=crowd(env.scenario.resources[0].position, n), stock=np.array([stock]))
+        env.set_state(position=crowd(env.scenario.resources[0].position, n), stock=np.array([stock]))
         eat = np.full(n, env.groups["agent"].actions.index("consume_pool"))
         for _ in range(700):
             env.step_arrays(eat)
@@ -104,6 +104,6 @@ def test_inner_walls_hide_what_lies_behind_them():
         side = 4.0
         away = np.linspace(0.2, 3.8, 14)[:, None] * [1.0, 0.0] + [0.0, 3.8]  # the others, far off
         near = np.array([[side / 2 - 0.3, 0.3], [side / 2 + 0.3, 0.3]])
-        tick = env.put(position=np.concatenate([near, away]))
+        tick = env.set_state(position=np.concatenate([near, away]))
         nearest = tick.observations["agent"][0][env.groups["agent"].layout.names.index("other_1_distance")]
         assert (nearest == pytest.approx(0.6, abs=1e-5)) == (not walls)

@@ -83,16 +83,16 @@ def test_a_tick_that_compiled_is_no_measure_of_speed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The first line of progress counts from the end of compiling: no run starts at 0 ticks per second."""
-    tally = SimpleNamespace(tick=0, mean_drive=lambda start, own=False: None)
-    progress = Progress(tally, 60_000)  # type: ignore[arg-type]
+    totals = SimpleNamespace(tick=0, mean_drive=lambda start, own=False: None)
+    progress = Progress(totals, 60_000)  # type: ignore[arg-type]
     progress.begin(None, {})  # type: ignore[arg-type]
     progress._then -= 300.0  # the first tick took minutes
     monkeypatch.setattr(compiling.notice, "count", compiling.notice.count + 30)
-    tally.tick = 1
+    totals.tick = 1
     progress.watch(None, None, {})  # type: ignore[arg-type]
     assert capsys.readouterr().err == ""
     progress._then = time.monotonic() - 100.0
-    tally.tick = 1001
+    totals.tick = 1001
     progress.watch(None, None, {})  # type: ignore[arg-type]
     assert capsys.readouterr().err.startswith("tick 1,001 of 60,000  10 ticks/s")
 
@@ -114,7 +114,7 @@ def test_the_first_update_waits_for_the_process_that_compiles_it(
     """A second process is at work until the first update, which waits for it once."""
     done, counted = tmp_path / "done", compiling.notice.count
     monkeypatch.setattr(compiling, "BESIDE", f"import time; time.sleep(0.5); open({str(done)!r}, 'w')")
-    with compiling.shared([learner]):
+    with compiling.share_compiling([learner]):
         assert not done.exists()
         learner.compile_update()
         assert done.exists()
@@ -129,7 +129,7 @@ def test_the_second_process_ends_with_the_run(
     pid = tmp_path / "pid"
     code = f"import os, time; open({str(pid)!r}, 'w').write(str(os.getpid())); time.sleep(600)"
     monkeypatch.setattr(compiling, "BESIDE", code)
-    with compiling.shared([learner]):
+    with compiling.share_compiling([learner]):
         while not pid.exists() or not pid.read_text():
             time.sleep(0.01)
     assert cpu.before_update == []
@@ -147,7 +147,7 @@ def test_no_process_is_started_without_need(
         monkeypatch.setattr("ecology.machine.count_cpus", lambda: 1)
     elif without == "need":
         monkeypatch.setattr(compiling, "is_kept", lambda function: True)
-    with compiling.shared([object()] if without == "learner" else [learner]):
+    with compiling.share_compiling([object()] if without == "learner" else [learner]):
         assert cpu.before_update == []
         learner.compile_update()
     assert not (tmp_path / "done").exists()

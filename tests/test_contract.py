@@ -67,7 +67,7 @@ def counting_rule():
 
     def rule(world, rng):
         count[0] += 1
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.received[:] = 0.001 * count[0]
         return outcome
 
@@ -76,7 +76,7 @@ def counting_rule():
 
 def unseeded_rule(world, rng):
     """Draw from elsewhere than the generator."""
-    outcome = world.nothing()
+    outcome = world.no_effect()
     outcome.received[:] = np.random.default_rng().random()
     return outcome
 

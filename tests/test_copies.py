@@ -30,7 +30,7 @@ class Table:
 TABLE = Table()
 
 def rule(world, rng):
-    outcome = world.nothing()
+    outcome = world.no_effect()
     outcome.received[:] = TABLE.meals * rng.random() * np.array(meal(len(outcome.received)))
     return outcome
 
@@ -59,7 +59,7 @@ def go_on(env, ticks, seed):
         masks = tick.masks
         seen += [values.tobytes() for values in env.state_view.arrays().values()]
         seen += [values.tobytes() for values in tick.observations.values()]
-        seen.append(repr(env.scenario.measured(env.state_view)).encode())
+        seen.append(repr(env.scenario.measure(env.state_view)).encode())
     return b"".join(seen)
 
 
@@ -80,7 +80,7 @@ def test_a_copy_goes_on_whenever_it_is_taken(how, before):
 def test_a_copy_goes_on_where_a_world_was_put(how):
     """A world whose bodies were put elsewhere, on each other, has copies that push them apart in the same way."""
     env = start(square(kind(count=40, solid=True, radius=0.4), side=6.0))
-    env.put(position=3.0 + 0.01 * np.random.default_rng(0).random((40, 2)))
+    env.set_state(position=3.0 + 0.01 * np.random.default_rng(0).random((40, 2)))
     twin = PICKLED[how](env)
     assert go_on(twin, 10, 0) == go_on(env, 10, 0)
 
@@ -206,7 +206,7 @@ def test_a_rule_that_cannot_leave_its_process_is_told():
 
     def rule(world, rng):
         with lock:
-            return world.nothing()
+            return world.no_effect()
 
     with pytest.raises(EcologyError, match=r"'square' cannot be pickled.*rule or measures"):
         pickle.dumps(square(kind(), rule=rule))

@@ -49,8 +49,8 @@ def test_the_figure_is_drawn(
 ) -> None:
     """The command prints the table and leaves a picture, camping in the world of the sweeps beside it."""
     lines: list[float] = []
-    draw = cost.draw
-    monkeypatch.setattr(cost, "draw", lambda path, found, line: (lines.append(line), draw(path, found, line)))
+    draw = cost.draw_costs
+    monkeypatch.setattr(cost, "draw_costs", lambda path, found, line: (lines.append(line), draw(path, found, line)))
     out = folders[0].parent / "cost.png"
     monkeypatch.setattr(sys, "argv", ["cost", *map(str, folders), "--out", str(out)])
     cost.main()

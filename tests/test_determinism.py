@@ -100,7 +100,7 @@ def test_what_was_handed_out_never_changes():
         for _ in range(ticks):
             kept.append((env.state_view, env.state_view.copy()))
             tick = env.step_arrays(contract.choose(env, tick, rng, open_only=rng.random() < 0.8))
-        env.put(**env.state_view.arrays())
+        env.set_state(**env.state_view.arrays())
         return env.state_view
 
     now = lives(dataclasses.replace(everything(), rule=keep), 120)
@@ -116,7 +116,7 @@ def test_what_was_handed_out_never_changes():
 def test_a_view_refuses_what_would_be_lost():
     """A field of a view cannot be set, which would change nothing; a copy can."""
     env = start(square(kind()))
-    with pytest.raises(ecology.EcologyError, match=r"env.put\(internal="):
+    with pytest.raises(ecology.EcologyError, match=r"env.set_state\(internal="):
         env.state_view.internal = np.zeros((1, 1))
     mine = env.state_view.copy()
     mine.internal = np.zeros((1, 1))
@@ -148,4 +148,4 @@ def test_a_snapshot_of_another_world_is_refused():
     foreign.reset_arrays(seed=1)
     with pytest.raises(ecology.EcologyError, match=r"another world than 'paper'.*internal"):
         env.restore(*foreign.snapshot())
-    assert np.array_equal(env.put().observations["agent"], tick.observations["agent"])
+    assert np.array_equal(env.set_state().observations["agent"], tick.observations["agent"])

@@ -246,7 +246,7 @@ def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
     assert np.isinf(score[~open_]).all()
     assert score[open_] == pytest.approx(expected[open_], rel=1e-3, abs=1e-4)
     movement = np.array([0, learner.count - 1, 1])
-    found, expected = (each.device.expected(each.weights, slots, zeta, movement) for each in (learner, plain))
+    found, expected = (each.device.expect(each.weights, slots, zeta, movement) for each in (learner, plain))
     assert found == pytest.approx(expected, rel=1e-3, abs=1e-5)
     for row, slot in enumerate(slots.tolist()):
         at = zeta[row : row + 1]

@@ -48,7 +48,7 @@ def test_a_door_opens_by_time():
 
 def opener(world, rng):
     """Open the door in the third tick; close it in the sixth."""
-    outcome = world.nothing()
+    outcome = world.no_effect()
     if world.state.tick in (2, 5):
         outcome.doors["door"] = not world.doors["door"]
     return outcome
@@ -95,7 +95,7 @@ def test_a_world_with_doors_keeps_the_contract():
 def test_a_door_can_be_put_between_ticks():
     """`put` opens and closes doors, and walls follow at once."""
     env = start(hall())
-    env.put(doors=np.array([True]))
+    env.set_state(doors=np.array([True]))
     assert env.state_view.seen.all()
     assert lived(env, 4, agent="east").position[0, 0] == pytest.approx(4.2)
     twin = parallel_env(env.scenario)
@@ -135,7 +135,7 @@ def test_a_rule_that_opens_no_door_is_told():
     for doors, words in (({"dor": True}, "'dor'.*door"), ({"door": 1.0}, "open, True, or closed, False")):
 
         def rule(world, rng, doors=doors):
-            outcome = world.nothing()
+            outcome = world.no_effect()
             outcome.doors = doors
             return outcome
 

@@ -169,7 +169,7 @@ def test_conditions_hold_together():
         *MARKS, empathy=Empathy(weight=1.0, kin=True, within=2.0), position=FAR, serial=[0, 1, 2], parent=[-1, -1, 0]
     )
     assert felt(env) == [(), (), ()]
-    env.put(position=[FAR[0], FAR[2], FAR[1]])
+    env.set_state(position=[FAR[0], FAR[2], FAR[1]])
     assert felt(env) == [(2,), (), (0,)]
 
 
@@ -210,7 +210,7 @@ def test_shuffling_keeps_the_weights_of_all_who_feel(n):
     matrix = tuple(tuple(row) for row in rng.uniform(0.1, 1, (n, n)).round(3))
     env = colony(*[(1.0, 0.0)] * n, empathy=Empathy(weight=1.0, matrix=matrix, lesion="shuffled"))
     for alive in [np.ones(n, bool), np.arange(n) != 1]:
-        env.put(alive=alive)
+        env.set_state(alive=alive)
         coupling = env.world.model.couplings[0]
         weight = ecology.empathy.matrix(
             coupling, env.state_view, env.world.model.plane, None, None, env.world.lesion_order
@@ -243,7 +243,7 @@ def test_one_who_feels_nobody_has_all_the_weight_and_the_dead_have_none():
     """w_ii = 1 where nobody is near; rows and columns of the dead are 0."""
     env = colony(*MARKS, empathy=Empathy(weight=0.5, form="average", within=2.0), position=FAR)
     assert env.coupling("agent")[0].tolist() == [[0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]]
-    env.put(alive=[True, False, True])
+    env.set_state(alive=[True, False, True])
     assert env.coupling("agent")[0].tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 
 
@@ -344,7 +344,7 @@ def test_to_die_is_no_relief(form):
     """The last reward of one who felt with others is 0, as for one who did not, and its drive stays as it was."""
 
     def strike(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.killed[0] = True
         return outcome
 

@@ -38,7 +38,7 @@ def with_state(env, **changes):
         fields[name] = getattr(env.state_view, name).copy()
         for at, value in values.items():
             fields[name][at] = value
-    return env.put(**fields)
+    return env.set_state(**fields)
 
 
 # ---- food_share ------------------------------------------------------------------------------
@@ -57,7 +57,7 @@ def test_the_drives_are_those_of_the_original():
 
 def test_who_always_eats_lives_14_and_a_half_ticks():
     """Mean life (10 + 19) / 2: half of the partners start low, the others fall after 10 ticks on average."""
-    lives = np.concatenate(episodes.scripted("food_share", {"condition": "none"}, eats, 30, 20, 2000)[0])
+    lives = np.concatenate(episodes.run_scripted("food_share", {"condition": "none"}, eats, 30, 20, 2000)[0])
     assert abs(lives.mean() - 14.5) < Z * lives.std() / math.sqrt(len(lives))
     assert lives.std() < 10
     assert (lives >= 10).all()
@@ -67,7 +67,7 @@ def test_who_always_eats_lives_14_and_a_half_ticks():
 
 def test_who_passes_when_the_partner_is_low_lives_to_the_cap():
     """Passing exactly when high and the partner low: a pass in 1 of 11 ticks, and nobody ever dies."""
-    lives, taken = episodes.scripted("food_share", {"condition": "none"}, helps, 40, 1, 2000)
+    lives, taken = episodes.run_scripted("food_share", {"condition": "none"}, helps, 40, 1, 2000)
     assert all(found == [2000] for found in lives)
     rates = taken[:, 1] / taken.sum(axis=1)
     assert abs(rates.mean() - 1 / 11) < Z * rates.std(ddof=1) / math.sqrt(len(rates))
@@ -82,7 +82,7 @@ def test_passing_pays_at_once_from_a_weight_of_a_tenth(weight, pays):
         env, _ = begun("food_share", condition="affective", weight=weight, pairs=pairs)
         energy = env.state_view.internal.copy()
         energy[:, 0] = np.repeat([food_share.HIGH, 0.0], pairs)
-        env.put(internal=energy)
+        env.set_state(internal=energy)
         actions = np.concatenate([np.full(pairs, action), np.zeros(pairs, np.int64)])
         gains[action] = env.step_arrays(actions).reward[:pairs]
     gap = gains[1] - gains[0]
@@ -134,7 +134,7 @@ def test_an_unknown_condition_is_refused():
 
 def test_a_partner_that_is_not_fed_dies_of_hunger_on_time():
     """It lives floor((1 + e) / 0.003) + 1 ticks with e uniform in +-0.3: 333.8 on average, 234 to 434."""
-    lives = np.concatenate(episodes.scripted("grid_rooms", {"condition": "none"}, feeds_itself, 60, 1, 3000)[0])
+    lives = np.concatenate(episodes.run_scripted("grid_rooms", {"condition": "none"}, feeds_itself, 60, 1, 3000)[0])
     assert abs(lives.mean() - ALONE) < Z * lives.std() / math.sqrt(len(lives))
     assert lives.min() >= 234
     assert lives.max() <= 434

@@ -20,7 +20,7 @@ from ecology.agents.evaluation import (
     Trained,
     closed_gap,
     compare_deviation,
-    discounted,
+    discount,
     evaluate,
     maps_of,
     maps_report,
@@ -101,8 +101,8 @@ def test_discounted_drive_of_an_exponential():
     gamma, k, dt = 0.99, 0.02, 0.1
     drive = np.exp(-k * dt * np.arange(20_000))
     expected = -math.log(gamma) / (k - math.log(gamma))
-    assert discounted(drive, gamma, dt)[0] == pytest.approx(expected, rel=1e-3)
-    np.testing.assert_allclose(discounted(np.full(50, 1.7), gamma, dt), 1.7)
+    assert discount(drive, gamma, dt)[0] == pytest.approx(expected, rel=1e-3)
+    np.testing.assert_allclose(discount(np.full(50, 1.7), gamma, dt), 1.7)
 
 
 def test_closed_gap_is_a_share_of_the_way_from_camping_to_the_planner():
@@ -135,14 +135,14 @@ def test_regulated_is_the_first_tick_from_which_the_running_mean_stays_below():
     drive = np.repeat([5.0, 1.0], [3000, 7000])
     assert lives.running_mean(drive, 4)[2997:3002].tolist() == [4.0, 3.0, 2.0, 1.0, 1.0]
     # 5 a + 1 (2000 - a) < 2 * 2000 where a < 500: from 1,501 ticks after the fall on
-    assert lives.regulated_from(drive, 2.0) == 4501
+    assert lives.find_regulation(drive, 2.0) == 4501
     drive[8000:9000] = 5.0
-    assert lives.regulated_from(drive, 2.0) is None
-    assert lives.regulated_from(drive[:8000], 2.0) == 4501
-    assert lives.regulated_from(np.ones(3000), 2.0) == 2000
-    assert lives.regulated_from(np.ones(1999), 2.0) is None
+    assert lives.find_regulation(drive, 2.0) is None
+    assert lives.find_regulation(drive[:8000], 2.0) == 4501
+    assert lives.find_regulation(np.ones(3000), 2.0) == 2000
+    assert lives.find_regulation(np.ones(1999), 2.0) is None
     blocks = np.repeat([5.0, 1.0], [750, 1750])
-    assert lives.regulated_from(blocks, 2.0, span=4) == 4504
+    assert lives.find_regulation(blocks, 2.0, span=4) == 4504
 
 
 def test_the_worst_block_is_the_highest_of_whole_blocks():
@@ -362,7 +362,7 @@ def test_evaluation_is_whole_plain_and_drawn(world, monkeypatch, tmp_path):
     assert (lived["mean_drive_last_tenth"], lived["regulated_from"]) == (0.0, 4 * 750 + 2000)
     assert heard
     json.dumps(found.report, allow_nan=False)
-    paths = figures.draw(tmp_path, scenario, found, group.layout.names)
+    paths = figures.draw_evaluation(tmp_path, scenario, found, group.layout.names)
     assert {p.name for p in paths} == {
         "deviation_maps.png", "internal_states.png", "trajectory.png", "baselines.png", "deviation_check.png",
     }  # fmt: skip

@@ -54,7 +54,7 @@ def twin(env):
 def test_a_world_goes_on_without_anybody(walls):
     """With all dead, time, growth and arrivals go on; who arrives finds the world as it is."""
     env = start(everything(walls=walls, hazard=Hazard(rate=1e3), arrival=0.3, birth=None))
-    env.put(alive=np.zeros(env.size, bool))
+    env.set_state(alive=np.zeros(env.size, bool))
     rng = np.random.default_rng(0)
     arrived = 0
     for _ in range(120):
@@ -114,7 +114,7 @@ def test_all_resources_empty(walls):
     empty = np.zeros(len(env.state_view.stock))
     rng = np.random.default_rng(2)
     for _ in range(150):
-        env.put(stock=empty)
+        env.set_state(stock=empty)
         tick = env.step_arrays(any_actions(env, rng))
         finite(env, tick)
         assert (env.state_view.stock >= 0).all()
@@ -136,7 +136,7 @@ def test_one_wedged_in_a_corner_by_200(corner):
     wedged = np.array([x, y]) - 0.16 * np.sign([x - 4, y - 4])
     places = scatter(Arena(vertices=((x, y), (4 + (x - 4) * 0.2, y), (x, 4))), 0.16, 201, np.random.default_rng(3))
     places[0] = wedged
-    env.put(position=places)
+    env.set_state(position=places)
     for t in range(60):
         before = env.state_view.position.copy()
         env.step_arrays(ask(env, agent="push"))
@@ -159,7 +159,7 @@ def test_a_crowd_that_was_put_is_left_and_entered():
     """Bodies put on top of each other by hand: a snapshot of that lives on bit for bit, too."""
     pusher = kind("agent", move("push", 0.3, direction=0.0), count=80, radius=0.2, solid=True)
     env = start(square(pusher), seed=4)
-    env.put(position=np.random.default_rng(4).uniform(5.5, 7.5, (80, 2)))
+    env.set_state(position=np.random.default_rng(4).uniform(5.5, 7.5, (80, 2)))
     for ticks in (1, 7, 200):  # the solver is rebuilt on the way
         for _ in range(ticks):
             env.step_arrays(ask(env, agent="push"))

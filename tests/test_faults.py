@@ -24,7 +24,7 @@ def share(world, parts):
     return 1 / parts
 
 def rule(world, rng):
-    outcome = world.nothing()
+    outcome = world.no_effect()
     outcome.received[:] = 0.001 * rng.random()
     if world.state.tick == FAILS:
         share(world, 0)  # MARK

@@ -22,7 +22,7 @@ def pair(distance: float, **settings: Any) -> tuple[Ecology, Any]:
     env.reset_arrays(0)
     position = np.full((env.size, 2), 6.5)
     position[env.groups["predator"].slots] += [distance, 0.0]
-    return env, env.put(position=position, heading=np.zeros(env.size))
+    return env, env.set_state(position=position, heading=np.zeros(env.size))
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_scripted_prey_turn_away_and_walk(distance, heading, did):
     """Prey with a predator nearer than `wary` on the right leave their grass to the left; others go on to eat."""
     env, _ = pair(distance)
     grass = np.array([[6.5, 6.5]])
-    tick = env.put(heading=np.full(env.size, heading), resource_position=grass)
+    tick = env.set_state(heading=np.full(env.size, heading), resource_position=grass)
     group = env.groups["prey"]
     acts = {}
     for flees in (True, False):
@@ -73,7 +73,7 @@ def test_a_sighting_is_followed_for_some_ticks():
     where = env.state_view.position.copy()
     for distance in (3.05, 2.9, 2.8, 2.7, 2.6, 2.5, 2.4, 2.3):
         where[env.groups["predator"].slots, 0] = 6.5 + distance
-        env.put(position=where)
+        env.set_state(position=where)
         tick = env.step_arrays(rest)
         seen.watch(env.state_view, tick, {})
     assert seen.distance == pytest.approx([2.4])  # sighted at 2.9, five ticks before
@@ -84,7 +84,7 @@ def test_a_sighting_is_followed_for_some_ticks():
         where[env.groups["predator"].slots, 0] = 6.5 + distance
         alive = env.state_view.alive.copy()
         alive[0] = lives
-        tick = env.put(position=where, alive=alive)
+        tick = env.set_state(position=where, alive=alive)
         seen.watch(env.state_view, tick, {})
     assert seen.distance == [0.0]
 
@@ -98,7 +98,7 @@ def test_fates_count_lives_and_wounds_by_class():
     internal = env.state_view.internal.copy()
     internal[0] = [0.5, -1.0]  # bleeds
     internal[1] = [0.001, 1.0]  # starves
-    env.put(internal=internal)
+    env.set_state(internal=internal)
     rest = np.concatenate([np.full(g.size, g.actions.index("rest")) for g in env.groups.values()])
     for _ in range(3):
         fates.watch(env.state_view, env.step_arrays(rest), {})
@@ -141,7 +141,8 @@ def test_flight_is_found_where_it_is():
     alive = env.state_view.alive.copy()
     alive[env.groups["predator"].slots] = False
     assert (
-        predation.flight(env, predation.Prey(group, SEED, np.ones(group.size, bool)), env.put(alive=alive), 50) is None
+        predation.flight(env, predation.Prey(group, SEED, np.ones(group.size, bool)), env.set_state(alive=alive), 50)
+        is None
     )
 
 
@@ -165,7 +166,7 @@ def test_the_slope_of_j_toward_a_predator():
 
 def test_learned_worlds_are_measured_from_end_to_end():
     """A short life of learners gives flight and fear that are numbers; newborn predators have a life span."""
-    env, minds, tick = predation.learned(0, 120)
+    env, minds, tick = predation.train_both(0, 120)
     before, flight = env.snapshot(), predation.flight(env, minds["prey"], tick, 150)
     assert flight is not None
     assert np.isfinite(list(flight.values())).all()

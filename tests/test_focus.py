@@ -18,8 +18,8 @@ from conftest import PATIENCE
 from observed import TICKS, Wanderer, Witness, choice, column, live, many, one, rerun_observer, told, village
 
 from ecology import Ecology, EcologyError
-from ecology.observers import census, page, viewer, wishes
-from ecology.observers.wishes import Click, Wishes
+from ecology.observers import census, focus_requests, page, viewer
+from ecology.observers.focus_requests import Click, FocusRequests
 
 GARBAGE = {
     "nothing": b"",
@@ -250,19 +250,21 @@ class Hands:
 def test_changing_the_focus_changes_no_life(tmp_path, world, served):
     """A run whose focus is changed by clicks and words, under garbage too, lives as one that nobody watches."""
     alone = live(world()).state_view
-    kept = Wishes(tmp_path)
+    kept = FocusRequests(tmp_path)
     it = served(kept.click)
     name = world().species[-1].name
     clicked = json.dumps({"entity": f"/world/agents/{name}", "row": 0, "tick": None}).encode()
     deeds = {
         5: lambda: [post(it, body) for body in GARBAGE.values()],
         11: lambda: post(it, clicked),
-        21: lambda: (tmp_path / wishes.FILE).write_text(json.dumps({"focus": "hungriest"})),
-        31: lambda: (tmp_path / wishes.FILE).write_text("garbage"),
-        41: lambda: (tmp_path / wishes.FILE).write_text(json.dumps({"focus": ["prey_1"]})),
+        21: lambda: (tmp_path / focus_requests.FILE).write_text(json.dumps({"focus": "hungriest"})),
+        31: lambda: (tmp_path / focus_requests.FILE).write_text("garbage"),
+        41: lambda: (tmp_path / focus_requests.FILE).write_text(json.dumps({"focus": ["prey_1"]})),
     }
     watched = live(
-        world(), Hands(deeds), rerun_observer(tmp_path / "recording.rrd", every=2, wishes=kept, serve=("127.0.0.1", 0))
+        world(),
+        Hands(deeds),
+        rerun_observer(tmp_path / "recording.rrd", every=2, requests=kept, serve=("127.0.0.1", 0)),
     ).state_view
     for field, array in alone.arrays().items():
         np.testing.assert_array_equal(array, watched.arrays()[field], err_msg=field)
@@ -272,13 +274,13 @@ def test_a_click_brings_an_agent_into_focus(tmp_path):
     """From the next sample on its panels are those of the clicked one; clicks on anything else change nothing."""
     from rerun.chunk import RrdReader
 
-    witness, path, kept, row = Witness(), tmp_path / "recording.rrd", Wishes(), 7
+    witness, path, kept, row = Witness(), tmp_path / "recording.rrd", FocusRequests(), 7
     others = (("/world/walls", 0), ("/world/agents/wolf", 1), ("/world/agents/prey", 99), ("/world/agents/prey/x", 1))
     deeds = {
         3: lambda: [kept.click(Click(*other)) for other in others],
         11: lambda: kept.click(Click("/world/agents/prey", row, 8.0)),
     }
-    live(calm(), witness, Hands(deeds), rerun_observer(path, every=4, wishes=kept, serve=("127.0.0.1", 0)))
+    live(calm(), witness, Hands(deeds), rerun_observer(path, every=4, requests=kept, serve=("127.0.0.1", 0)))
     names = {t: v[0] for t, v in told(path, "/world/focus/prey/name", "Points2D:labels").items()}
     assert {names[tick] for tick in (0, 4, 8)} == {"prey_0"}
     values = told(path, "/focus/prey/deviation")
@@ -297,7 +299,7 @@ def test_who_looks_on_is_shown_another_life_first(tmp_path):
     """A viewer is sent the layout for the one that was clicked, and one of a run that is gone on; the file has one."""
     from rerun.chunk import RrdReader
 
-    path, kept, shown, words = tmp_path / "recording.rrd", Wishes(), [], {"every": 4, "serve": ("127.0.0.1", 0)}
+    path, kept, shown, words = tmp_path / "recording.rrd", FocusRequests(), [], {"every": 4, "serve": ("127.0.0.1", 0)}
 
     def look():
         """Count the layouts that a viewer is sent, PATIENCE seconds at most."""
@@ -311,7 +313,7 @@ def test_who_looks_on_is_shown_another_life_first(tmp_path):
                     found = RrdReader(str(target)).blueprints()
         shown.append(len(found))
 
-    observer = rerun_observer(path, wishes=kept, **words)
+    observer = rerun_observer(path, requests=kept, **words)
     deeds = {11: lambda: kept.click(Click("/world/agents/predator", 1)), 21: look}
     env = live(calm(), observer, Hands(deeds))
     assert len(RrdReader(str(path)).blueprints()) == 1
@@ -330,18 +332,18 @@ def test_a_viewer_elsewhere_is_drawn_the_same(tmp_path, monkeypatch):
     from ecology.observers import relay
 
     monkeypatch.setattr(relay, "PATIENCE", PATIENCE)  # a busy machine may be slow to send
-    path, elsewhere, kept = tmp_path / "recording.rrd", tmp_path / "elsewhere.rrd", Wishes()
+    path, elsewhere, kept = tmp_path / "recording.rrd", tmp_path / "elsewhere.rrd", FocusRequests()
     port = viewer.free_port(viewer.LOOPBACK, 0)
     with viewer.viewer_process("--save", str(elsewhere), "--port", str(port)):
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until and not elsewhere.exists():
             time.sleep(0.1)
-        observer = rerun_observer(path, every=4, wishes=kept, connect=f"rerun+http://{viewer.LOOPBACK}:{port}/proxy")
+        observer = rerun_observer(path, every=4, requests=kept, connect=f"rerun+http://{viewer.LOOPBACK}:{port}/proxy")
         live(calm(), observer, Hands({11: lambda: kept.click(Click("/world/agents/predator", 1))}))
         there, here = {}, told(path, "/focus/predator/deviation")
         while max(there, default=0) < TICKS and time.monotonic() < until:
             with contextlib.suppress(EcologyError):  # nothing of it is on disk yet
-                there = told(viewer.mended(elsewhere, tmp_path / "whole.rrd"), "/focus/predator/deviation")
+                there = told(viewer.repair_recording(elsewhere, tmp_path / "whole.rrd"), "/focus/predator/deviation")
     assert there.keys() == here.keys() == set(range(0, TICKS + 1, 4))
     for tick, value in here.items():
         np.testing.assert_array_equal(there[tick], value)
@@ -358,12 +360,12 @@ def test_a_click_means_who_was_seen():
     state.tick, state.time, state.age[:] = 100, 100.0, 100.0
     state.age[4], state.alive[6] = 20.0, False
     state.serial[4] = 77
-    assert focus.clicked(env, Click("/world/agents/prey", 4, 85.0)) == "prey_77"
-    assert focus.clicked(env, Click("/world/agents/prey", 4, None)) == "prey_77"
-    assert focus.clicked(env, Click("/world/agents/prey", 4, 75.0)) is None
-    assert focus.clicked(env, Click("/world/agents/prey", 3, 75.0)) == "prey_3"
-    assert focus.clicked(env, Click("/world/agents/prey", 6, 95.0)) is None
-    assert focus.clicked(env, Click("/world/agents/predator", 0)) == "predator_12"
+    assert focus.name_clicked(env, Click("/world/agents/prey", 4, 85.0)) == "prey_77"
+    assert focus.name_clicked(env, Click("/world/agents/prey", 4, None)) == "prey_77"
+    assert focus.name_clicked(env, Click("/world/agents/prey", 4, 75.0)) is None
+    assert focus.name_clicked(env, Click("/world/agents/prey", 3, 75.0)) == "prey_3"
+    assert focus.name_clicked(env, Click("/world/agents/prey", 6, 95.0)) is None
+    assert focus.name_clicked(env, Click("/world/agents/predator", 0)) == "predator_12"
     for word in ("prey_6", "prey_4", "prey_900", "wolf_1", ""):
         with pytest.raises(EcologyError, match="focus"):
             focus.turn(env, word)
@@ -372,7 +374,7 @@ def test_a_click_means_who_was_seen():
 
 def test_the_latest_clicks_wait_for_a_sample():
     """Clicks of several threads are all kept, up to a number; of more, the last."""
-    kept = Wishes()
+    kept = FocusRequests()
     threads = [threading.Thread(target=kept.click, args=(Click("/world/agents/prey", i),)) for i in range(10)]
     for thread in threads:
         thread.start()
@@ -381,14 +383,14 @@ def test_the_latest_clicks_wait_for_a_sample():
     assert sorted(click.row for click in kept.clicks()) == list(range(10))
     for i in range(1_000):
         kept.click(Click("/world/agents/prey", i))
-    assert [click.row for click in kept.clicks()] == list(range(1_000 - wishes.KEPT, 1_000))
+    assert [click.row for click in kept.clicks()] == list(range(1_000 - focus_requests.KEPT, 1_000))
     assert kept.clicks() == []
 
 
 def test_a_run_answers_who_asks(tmp_path, monkeypatch):
     """`ask` returns what the run says or raises it, and leaves nothing; of a run that has ended it says so."""
-    monkeypatch.setattr(wishes, "PAUSE", 0.01)
-    kept, said = Wishes(tmp_path), []
+    monkeypatch.setattr(focus_requests, "PAUSE", 0.01)
+    kept, said = FocusRequests(tmp_path), []
 
     def serve():
         while len(said) < 2:
@@ -398,41 +400,41 @@ def test_a_run_answers_who_asks(tmp_path, monkeypatch):
 
     thread = threading.Thread(target=serve)
     thread.start()
-    assert wishes.ask(tmp_path, "prey_1", lambda: True) == "prey_1 it is"
+    assert focus_requests.request_focus(tmp_path, "prey_1", lambda: True) == "prey_1 it is"
     with pytest.raises(EcologyError, match="nobody"):
-        wishes.ask(tmp_path, "wolf", lambda: True)
+        focus_requests.request_focus(tmp_path, "wolf", lambda: True)
     thread.join()
     assert kept.word() is None
     with pytest.raises(EcologyError, match="ecology view"):
-        wishes.ask(tmp_path, "prey_1", lambda: False)
+        focus_requests.request_focus(tmp_path, "prey_1", lambda: False)
     with pytest.raises(EcologyError, match="did not answer"):
-        wishes.ask(tmp_path, "prey_1", lambda: True, patience=0.05)
+        focus_requests.request_focus(tmp_path, "prey_1", lambda: True, patience=0.05)
     with pytest.raises(EcologyError, match="cannot be written"):
-        wishes.ask(tmp_path / "nowhere", "prey_1", lambda: True)
+        focus_requests.request_focus(tmp_path / "nowhere", "prey_1", lambda: True)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_word_brings_an_agent_into_focus(tmp_path, monkeypatch):
     """A run that lives takes the word of its folder at a sample, and answers; who is not alive is refused."""
-    monkeypatch.setattr(wishes, "PAUSE", 0.01)
+    monkeypatch.setattr(focus_requests, "PAUSE", 0.01)
     path, said = tmp_path / "recording.rrd", []
 
     def leave(word):
         def asked():
             try:
-                said.append(wishes.ask(tmp_path, word, lambda: True))
+                said.append(focus_requests.request_focus(tmp_path, word, lambda: True))
             except EcologyError as error:
                 said.append(str(error))
 
         threads.append(threading.Thread(target=asked))
         threads[-1].start()
-        while not (tmp_path / wishes.FILE).exists():
+        while not (tmp_path / focus_requests.FILE).exists():
             pass
 
     threads: list[threading.Thread] = []
     deeds = {9: lambda: leave("predator_13"), 12: lambda: threads[-1].join(),
              17: lambda: leave("prey_999"), 20: lambda: threads[-1].join()}  # fmt: skip
-    live(calm(), rerun_observer(path, every=10, wishes=Wishes(tmp_path)), Hands(deeds))
+    live(calm(), rerun_observer(path, every=10, requests=FocusRequests(tmp_path)), Hands(deeds))
     assert said[0] == "predator_13 is in focus from tick 10 on"
     assert "no prey_999 lives at tick 20" in said[1]
     names = {t: v[0] for t, v in told(path, "/world/focus/predator/name", "Points2D:labels").items()}
@@ -446,7 +448,7 @@ def test_a_word_brings_an_agent_into_focus(tmp_path, monkeypatch):
 @pytest.fixture(scope="module")
 def lived(tmp_path_factory):
     """Return a run of the village whose slots are used again: its recording, its states, its end."""
-    path, witness, kept = tmp_path_factory.mktemp("lived") / "recording.rrd", Witness(), Wishes()
+    path, witness, kept = tmp_path_factory.mktemp("lived") / "recording.rrd", Witness(), FocusRequests()
 
     class Weighing(Wanderer):
         decides = True
@@ -460,7 +462,7 @@ def lived(tmp_path_factory):
         kept.click(Click("/world/agents/prey", int(np.where(lives, now.serial[:16], -1).argmax())))
 
     deeds = {40: click}
-    env = live(village(), witness, Hands(deeds), rerun_observer(path, every=2, wishes=kept), mind=Weighing, ticks=120)
+    env = live(village(), witness, Hands(deeds), rerun_observer(path, every=2, requests=kept), mind=Weighing, ticks=120)
     return path, witness, env
 
 
@@ -532,7 +534,7 @@ def test_a_recording_is_shown_with_another_focus(lived, tmp_path):
 
     path, _, _ = lived
     before = path.read_bytes()
-    shown = hindsight(path).shown("predator_13", tmp_path / "shown.rrd")
+    shown = hindsight(path).write_view("predator_13", tmp_path / "shown.rrd")
     assert path.read_bytes() == before
     reader = RrdReader(str(shown))
     assert len(reader.recordings()) == 1
@@ -556,7 +558,7 @@ def test_a_focus_that_died_is_said_to_be_dead(lived, tmp_path):
     past, rows = hindsight(path), env.groups["prey"].slots
 
     def titles(who):
-        shown = RrdReader(str(past.shown(who, tmp_path / f"{who}.rrd")))
+        shown = RrdReader(str(past.write_view(who, tmp_path / f"{who}.rrd")))
         layout = shown.stream(store=shown.blueprints()[0])
         return " ".join(str(column) for chunk in layout for column in chunk.to_record_batch().columns)
 
@@ -608,6 +610,6 @@ def test_one_agent_alone_is_always_in_focus(tmp_path):
 
     past = Hindsight(path, one(), "alone")
     assert past.hear(Click("/world/agents/agent", 0)) is None
-    shown = past.shown("agent_0", tmp_path / "shown.rrd")
+    shown = past.write_view("agent_0", tmp_path / "shown.rrd")
     assert told(shown, "/focus/agent/needs").keys() == told(path, "/focus/agent/needs").keys()
     assert not told(shown, "/chosen/agent_0/needs")

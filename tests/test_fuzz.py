@@ -269,7 +269,7 @@ def test_actions_are_executed_or_nothing_happens(actions: Any, most: bool) -> No
     """Missing, unknown, dead agents' and senseless actions are refused in words, and the world stands still."""
     env = ecology.parallel_env(HUNGRY)
     env.reset(seed=0)
-    env.put(internal=np.array([[2.0], [2.0], [-1.0]]))
+    env.set_state(internal=np.array([[2.0], [2.0], [-1.0]]))
     env.step(dict.fromkeys(env.agents, 0))  # agent_2 dies
     if most and isinstance(actions, dict):
         actions = {"agent_0": 0, "agent_1": 1} | actions

@@ -262,7 +262,7 @@ def test_what_lies_behind_is_not_seen_nor_met(words):
     env = start(scenario, position=[[2.5, 4.0], [5.4, 4.0]])
     names = env.groups["wolf"].layout.names
     for position, seen in (([[2.5, 4.0], [5.4, 4.0]], False), ([[5.5, 6.5], [5.5, 7.5]], True)):
-        tick = env.put(position=position)
+        tick = env.set_state(position=position)
         zeta, far = tick.observations["wolf"][0], env.groups["wolf"].layout.high
         sheep, berries = names.index("sheep_1_distance"), names.index("food_distance")
         assert (zeta[sheep] < far[sheep] - 1e-6) == seen
@@ -293,7 +293,7 @@ def test_nothing_is_placed_in_a_hole():
     for _ in range(60):
         place = env.state_view.position.copy()
         place[0] = env.state_view.resource_position[30]  # eats up the berry in every tick
-        tick = env.put(position=place)
+        tick = env.set_state(position=place)
         chosen = contract.choose(env, tick, rng)
         chosen[0] = env.groups["agent"].actions.index("consume_berry")
         tick = env.step_arrays(chosen)
@@ -310,12 +310,12 @@ def test_a_place_in_a_hole_is_refused():
     """By `put`, `settle`, an intervention's place, and a rule."""
     env = start(world_of(room(holes=[BOX]), kind(count=1, capacity=2)), position=[[1.0, 1.0], [1.0, 1.0]])
     with pytest.raises(EcologyError, match="inside the arena"):
-        env.put(position=[[4.0, 4.0], [1.0, 1.0]])
+        env.set_state(position=[[4.0, 4.0], [1.0, 1.0]])
     with pytest.raises(EcologyError, match="outside the arena"):
         env.settle("agent", (4.0, 4.0), 0.0)
 
     def rule(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.position = np.full((1, 2), 4.0)
         assert world.inside(np.array([[1.0, 1.0], [4.0, 4.0]])).tolist() == [True, False]
         return outcome
@@ -374,7 +374,7 @@ def test_a_picture_shows_holes_and_walls():
     env = ecology.parallel_env(scenario, render_mode="rgb_array")
     env.reset_arrays(0)
     with_walls = env.render()
-    plain = picture.draw(world_of(room(), kind(position=(1.0, 1.0))), env.state_view)
+    plain = picture.draw_picture(world_of(room(), kind(position=(1.0, 1.0))), env.state_view)
     changed = (with_walls != plain).any(axis=2)
     rows, columns = np.nonzero(changed)
     colours = {tuple(c) for c in with_walls[rows, columns].tolist()}

@@ -27,7 +27,7 @@ def world(*things, count=1, rule=None, most=1.0, **words):
     env = start(square(species, resources=(*things, LARDER), rule=rule))
     place = env.state_view.resource_position.copy()
     place[0] = (2.0, 4.0)
-    env.put(resource_position=place)
+    env.set_state(resource_position=place)
     return env
 
 
@@ -41,7 +41,7 @@ def lived(env, ticks, **wanted):
 def is_open(env, action):
     """Return whether an action of the first agent is open."""
     group = env.groups["agent"]
-    return bool(env.put().masks["agent"][0, group.actions.index(action)])
+    return bool(env.set_state().masks["agent"][0, group.actions.index(action)])
 
 
 def test_what_is_taken_is_carried_up_to_the_most():
@@ -56,7 +56,7 @@ def test_what_is_taken_is_carried_up_to_the_most():
         contract.account_closes(env, first)
     assert not is_open(env, "take_nuts")
     names = env.groups["agent"].layout.names
-    assert env.put().observations["agent"][0, names.index("load_nuts")] == pytest.approx(1.0)
+    assert env.set_state().observations["agent"][0, names.index("load_nuts")] == pytest.approx(1.0)
 
 
 def test_a_short_stock_is_shared():
@@ -73,7 +73,7 @@ def test_what_is_dropped_lies_there_and_can_be_eaten():
     env = world(nuts(), most=2.0)
     lived(env, 2, agent="take_nuts")
     lived(env, 4, agent="east")
-    env.put(internal=np.array([[1.0]]))
+    env.set_state(internal=np.array([[1.0]]))
     state = lived(env, 1, agent="drop_nuts")
     assert state.stock[1] == pytest.approx(0.3)
     assert state.resource_position[1] == pytest.approx([4.0, 4.0])
@@ -105,7 +105,7 @@ def test_a_load_falls_where_its_body_dies():
     """It becomes a patch; without a free one it is lost; the dead carry nothing."""
 
     def kill(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.killed[:] = world.state.tick == 4
         return outcome
 
@@ -125,7 +125,7 @@ def test_nothing_comes_of_nothing():
     env = world(nuts(stock=3.0), count=6, most=0.7)
     total = env.state_view.stock.sum()
     rng = np.random.default_rng(0)
-    tick = env.put()
+    tick = env.set_state()
     hauls = [env.groups["agent"].actions.index(name) for name in ("take_nuts", "drop_nuts", "store", "east")]
     for t in range(150):
         mask = tick.masks["agent"][:, hauls]
@@ -170,7 +170,7 @@ WRONG = {
         ["'lard'", "larder"],
     ),
     "a load of nothing": (lambda: kind(carries={"nuts": 0.0}), ["positive", "0.0"]),
-    "too much put": (lambda: world(nuts()).put(load=np.array([[9.0, 0.0]])), ["load[0]", "carries"]),
+    "too much put": (lambda: world(nuts()).set_state(load=np.array([[9.0, 0.0]])), ["load[0]", "carries"]),
 }  # fmt: skip
 
 
@@ -188,7 +188,7 @@ def test_metrics_have_the_load(tmp_path):
     env = world(nuts())
     minds = {"agent": make("random", env.groups["agent"], np.random.SeedSequence(0), {})}
     recorder = Recorder(tmp_path / "metrics.parquet", every=1)
-    loop.run(env, minds, env.put(load=np.array([[0.25, 0.0]])), 3, [recorder])
+    loop.run(env, minds, env.set_state(load=np.array([[0.25, 0.0]])), 3, [recorder])
     table = read(tmp_path / "metrics.parquet")
     assert [name for name in table.column_names if name.startswith("load.")] == ["load.nuts"]
     assert table["load.nuts"].to_pylist()[-1] == pytest.approx(env.state_view.load[0, 0])
@@ -198,5 +198,5 @@ def test_a_body_that_is_removed_carries_nothing():
     """An intervention that ends a life between two ticks loses the load with it."""
     env = world(nuts(), count=2)
     lived(env, 2, agent="take_nuts")
-    env.put(alive=np.array([True, False]))
+    env.set_state(alive=np.array([True, False]))
     assert env.state_view.load[:, 0].tolist() == pytest.approx([0.8, 0.0])

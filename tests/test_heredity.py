@@ -161,7 +161,7 @@ def test_every_body_has_its_own_decay_speed_and_set_point():
     assert env.state_view.trait.tolist() == [[0.01, 1.0, 1.5]] * 2
     assert env.state_view.set_point.tolist() == [[1.5], [1.5]]
     trait = np.array([[0.03, 2.0, 1.5], [0.05, 0.5, 1.5]])
-    env.put(trait=trait)
+    env.set_state(trait=trait)
     tick = env.step_arrays(ask(env, body="walk"))
     now = env.state_view
     assert now.internal[:, 0] == pytest.approx([1.97, 1.95])
@@ -174,14 +174,14 @@ def test_what_the_scenario_does_not_have_can_be_inherited():
     """A leak, an ageing and a noise of 0 in the scenario are at work where a body has its own."""
     for of, low, value, expected in (("leak", 0.0, 0.1, 1.79), ("ageing", 0.0, 50.0, 1.98)):
         env = start(bodies(Trait(name="t", of=f"food.{of}", bounds=(low, 100.0 if of == "ageing" else 0.5))))
-        env.put(trait=np.array([[value], [0.0]]))
+        env.set_state(trait=np.array([[value], [0.0]]))
         for _ in range(1 if of == "leak" else 2):
             env.step_arrays(ask(env, body="rest"))
         now = env.state_view.internal[:, 0]
         assert now[0] == pytest.approx(expected if of == "leak" else 1.99 - 0.01 * 51)
         assert now[1] == pytest.approx(1.99 if of == "leak" else 1.98)
     env = start(bodies(Trait(name="t", of="food.noise", bounds=(0.0, 1.0))))
-    env.put(trait=np.array([[0.5], [0.0]]))
+    env.set_state(trait=np.array([[0.5], [0.0]]))
     env.step_arrays(ask(env, body="rest"))
     assert env.state_view.internal[1, 0] == pytest.approx(1.99)
     assert abs(env.state_view.internal[0, 0] - 1.99) > 1e-3
@@ -205,7 +205,7 @@ def test_every_body_has_its_own_weight_of_empathy():
     """In the sum form the drive is the own one plus one's own weight times the other's."""
     trait = Trait(name="care", of="empathy.weight", bounds=(0.0, 1.0))
     env = start(bodies(trait, empathy=Empathy(weight=0.3)))
-    tick = env.put(internal=np.array([[1.0], [3.0]]), trait=np.array([[0.25], [0.0]]))
+    tick = env.set_state(internal=np.array([[1.0], [3.0]]), trait=np.array([[0.25], [0.0]]))
     own = math.sqrt(0.001 + 1.0)
     assert tick.drive == pytest.approx([1.25 * own, own])
     assert env.coupling("body")[0] == pytest.approx(np.array([[1.0, 0.25], [0.0, 1.0]]))
@@ -286,7 +286,7 @@ def test_evolving_worlds_keep_the_contract(holds):
 def test_traits_are_recorded(tmp_path):
     """Metrics have a column per trait, the summary its mean, the recording its mean and its histogram over time."""
     from ecology.agents import loop, make
-    from ecology.lab.runs.tally import Tally
+    from ecology.lab.runs.run_summary import RunSummary
     from ecology.observers import census
     from ecology.observers.readback import chunks, column
     from ecology.observers.recorder import Recorder, read
@@ -295,8 +295,8 @@ def test_traits_are_recorded(tmp_path):
     world = evolving()
     env = start(world)
     minds = {name: make("random", group, np.random.SeedSequence(1), {}) for name, group in env.groups.items()}
-    tally = Tally(world, env, minds)
-    watchers = (tally, Recorder(tmp_path / "m.parquet", 5), RerunObserver(tmp_path / "r.rrd", every=5))
+    totals = RunSummary(world, env, minds)
+    watchers = (totals, Recorder(tmp_path / "m.parquet", 5), RerunObserver(tmp_path / "r.rrd", every=5))
     loop.run(env, minds, env.reset_arrays(0), 20, watchers)
     now, rows = env.state_view, env.groups["prey"].slots
     living = now.trait[rows][now.alive[rows]]
@@ -304,9 +304,9 @@ def test_traits_are_recorded(tmp_path):
     last = (table["tick"] == 20) & (table["species"] == "prey")
     assert table["traits.burn"][last].astype(float) == pytest.approx(living[:, 2], rel=1e-6)
     assert [*table["traits.burn"][table["species"] == "ghost"]] == [None] * (table["species"] == "ghost").sum()
-    told = tally.summary()["population"]["prey"]["traits"]
+    told = totals.summary()["population"]["prey"]["traits"]
     assert told["target"]["mean"] == pytest.approx(living[:, 0].mean())
-    names = census.plotted(world)
+    names = census.plotted_names(world)
     shown = list(column(tmp_path / "r.rrd", "/population/measures", "Scalars:scalars").values())[-1]
     assert shown[names.index("mean legs of prey")] == pytest.approx(living[:, 1].mean())
     assert any(chunk.num_rows for chunk in chunks(tmp_path / "r.rrd", content="/population/traits/prey/legs"))

@@ -29,7 +29,7 @@ from ecology.agents.hjb import ALGORITHM1, HJB
 from ecology.agents.hjb.curiosity import Curiosity
 from ecology.agents.hjb.devices.cpu.device import Cpu
 from ecology.agents.hjb.devices.cpu.lookahead import recall
-from ecology.agents.hjb.devices.records import Past
+from ecology.agents.hjb.devices.records import RecalledErrors
 from ecology.agents.movements import adaptive, single_ticks
 from ecology.lab.runs.run_config import resolve
 
@@ -133,7 +133,7 @@ def test_walkers_go_to_the_food_from_either_side() -> None:
     learner.evaluating(0.0)
     right = 0
     for x, way in ((0.6, "east"), (1.6, "east"), (4.4, "west"), (5.4, "west")):
-        tick = env.put(position=np.tile([x, 0.5], (n, 1)), internal=np.full((n, 1), 0.2))
+        tick = env.set_state(position=np.tile([x, 0.5], (n, 1)), internal=np.full((n, 1), 0.2))
         learner.begin()
         chosen = learner.act(tick.observations["walker"], tick.masks["walker"])
         right += int((chosen == env.groups["walker"].actions.index(way)).sum())
@@ -327,7 +327,7 @@ def test_a_remembered_error_corrects_f_near_by() -> None:
     )
     correct = from_python(recall)
     replay = (learner.replay.zeta[0], learner.replay.open[0], 0)
-    past = Past(*(array[0] for array in learner.trace), np.float32(0.0), *replay)
+    past = RecalledErrors(*(array[0] for array in learner.trace), np.float32(0.0), *replay)
     correct(learner.encoding, past, at[0], bias, support)
     assert bias[walk, :-1] == pytest.approx(-told / 1.3, abs=1e-6)  # the prior of no error weighs 0.3
     assert not np.delete(bias, walk, axis=0).any()

@@ -10,7 +10,7 @@ from same_end import recorded
 
 from ecology.lab.runs.run import Run
 from ecology.lab.runs.run_config import resolve
-from ecology.observers.census import Past, afterwards
+from ecology.observers.census import Expectations, afterwards
 from ecology.observers.rerun import Recorded, RerunObserver
 
 TICKS, KILLED = 200, (88, 141)  # some time after a checkpoint that lies between two samples
@@ -53,7 +53,7 @@ def test_a_recording_that_was_killed_between_two_samples_lacks_nothing(tmp_path:
 
 def test_what_is_shown_twice_is_felt_once() -> None:
     """A tick that is looked at again, while the run waits, counts once in the drive that J is compared with."""
-    drives, past = np.random.default_rng(0).random(60), Past()
+    drives, past = np.random.default_rng(0).random(60), Expectations()
     met = []
     for tick, drive in enumerate(drives.tolist()):
         for _ in range(1 + tick % 3):

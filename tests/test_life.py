@@ -35,7 +35,7 @@ def test_a_birth_worked_by_hand():
     needs = (Need(name="food", set_point=2.0, start=1.0, bounds=(0.0, 4.0)), Need(name="calm", set_point=1.0))
     birth = Birth(rate=SURE, threshold={"food": 1.5}, cost={"food": 0.5})
     env = start(square(kind(capacity=3, needs=needs, birth=birth)), internal=[[1.75, 0.5], [0, 0], [0, 0]])
-    env.put(position=[[4.0, 4.0], [0.0, 0.0], [0.0, 0.0]])
+    env.set_state(position=[[4.0, 4.0], [0.0, 0.0], [0.0, 0.0]])
     tick, state = rest(env), env.state_view
     assert tick.born.tolist() == [False, True, False]
     assert tick.parent.tolist() == [-1, 0, -1]
@@ -76,7 +76,7 @@ def test_without_a_free_slot_it_waits():
     """A full species bears nobody and pays nothing; a slot rests for the tick of the death, then it is taken."""
 
     def strike(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.killed[1] = world.state.tick == 5
         return outcome
 
@@ -108,7 +108,7 @@ def test_births_come_at_their_rate(dt):
     """300 parents at 0.2 per unit of time bear 300 (1 - exp(-0.2 dt)) in each tick, within 4 sigma over 5 units."""
     birth = Birth(rate=0.2, maturity=100.0)
     env = start(square(kind(count=300, capacity=900, birth=birth), walls=False, dt=dt))
-    env.put(age=np.where(env.state_view.alive, 100.0, 0.0))
+    env.set_state(age=np.where(env.state_view.alive, 100.0, 0.0))
     ticks = round(5 / dt)
     rest(env, ticks)
     p = -math.expm1(-0.2 * dt)
@@ -176,7 +176,7 @@ def test_every_death_has_its_cause():
     lethal = (Need(name="food", set_point=2.0, decay=1.0, bounds=(0.0, 4.0), lethal=True),)
 
     def strike(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.killed[world.slots["struck"]] = True
         return outcome
 

@@ -103,7 +103,7 @@ def test_a_pickled_scenario_opens_in_a_fresh_process(tmp_path: Path, name: str) 
     code = (
         "import pickle, pathlib\nworld = pickle.loads(pathlib.Path('pickled').read_bytes())\n"
         "import ecology\nenv = ecology.parallel_env(world)\nenv.reset(seed=0)\n"
-        "print(world.name, len(world.measured(env.state_view)))"
+        "print(world.name, len(world.measure(env.state_view)))"
     )
     done = subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.split() == [world.name, str(len(world.measures))], done.stderr
@@ -111,7 +111,7 @@ def test_a_pickled_scenario_opens_in_a_fresh_process(tmp_path: Path, name: str) 
 
 def test_runs_of_older_versions_are_still_of_the_same_world(tmp_path: Path) -> None:
     """The digest of a world names the module of a scenario file as it did when the package was called scenarios."""
-    text = "class Rule:\n    def __call__(self, world, rng):\n        return world.nothing()\n"
+    text = "class Rule:\n    def __call__(self, world, rng):\n        return world.no_effect()\n"
     (tmp_path / "world.py").write_text(text + WORLD.replace('name="world",', 'name="world", rule=Rule(),'))
     assert words_of(scenarios.load(str(tmp_path / "world.py")).rule) == "<scenarios._loaded_world.Rule object>"
 

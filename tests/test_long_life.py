@@ -86,7 +86,7 @@ def test_a_long_life_takes_no_more_memory(tmp_path, monkeypatch):
     lives = metrics.group_by("agent").aggregate([("tick", "min"), ("tick", "max"), ("tick", "count")]).to_pydict()
     spans = [np.array(lives[f"tick_{word}"]) for word in ("min", "max", "count")]
     assert ((spans[1] - spans[0]) // EVERY + 1 == spans[2]).all()  # who is gone does not return
-    assert viewer.whole(out / "recording.rrd")
+    assert viewer.is_complete(out / "recording.rrd")
     for file in ("recording.rrd", "metrics.parquet"):
         size = (out / file).stat().st_size
         print(file, size, "bytes", size / (TICKS // EVERY), "per sample")

@@ -106,8 +106,8 @@ def test_an_evaluation_begins_and_ends_nothing_twice(world, monkeypatch):
     """What is lived on in pieces calls neither `begin` nor `end` between them."""
     env, learners = world
     calls: list[str] = []
-    monkeypatch.setattr(lives.Diary, "begin", lambda *_: calls.append("begin"))
-    monkeypatch.setattr(lives.Diary, "end", lambda *_: calls.append("end"))
+    monkeypatch.setattr(lives.LifeRecorder, "begin", lambda *_: calls.append("begin"))
+    monkeypatch.setattr(lives.LifeRecorder, "end", lambda *_: calls.append("end"))
     lives.live(env, learners["agent"], env.reset_arrays(0), 3)
     assert calls == ["begin", "end"]
 

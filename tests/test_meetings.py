@@ -15,7 +15,7 @@ from ecology.state import CAUSES
 def opened(env, action, species="wolf"):
     """Return which slots of a species may do `action`, as a list."""
     group = env.groups[species]
-    return env.put().masks[species][:, group.actions.index(action)].tolist()
+    return env.set_state().masks[species][:, group.actions.index(action)].tolist()
 
 
 def wolves(count=1, /, prey=1, *, arena=None, dt=1.0, walls=True, victims=None, **words):
@@ -66,7 +66,7 @@ def test_a_wall_between_protects():
     """Across the wall of a bay one is near, but neither bitten nor given to."""
     env = start(wolves(arena=Arena(vertices=BAY)), position=[[3.5, 5.0], [4.5, 5.0]])
     assert opened(env, "bite_sheep") == [False]
-    env.put(position=[[3.5, 2.5], [4.5, 2.5]])  # below it the way is free
+    env.set_state(position=[[3.5, 2.5], [4.5, 2.5]])  # below it the way is free
     assert opened(env, "bite_sheep") == [True]
 
 
@@ -105,7 +105,7 @@ def test_handling_takes_its_time(duration, dt, period):
         if state.bit[0] >= 0:
             times.append(state.time)
         if state.hold[0] > 0:
-            assert env.put().masks["wolf"].tolist() == [[False, True]]
+            assert env.set_state().masks["wolf"].tolist() == [[False, True]]
     assert np.allclose(np.diff(times), period)
     assert len(times) == 20 / period
 
@@ -136,7 +136,7 @@ def test_who_succeeds_does_not_depend_on_who_else_bites():
     bitten = []
     for other in ("rest", "bite_sheep"):
         env = start(wolves(2, 2, chance=0.5, damage={"food": 0.0}))
-        env.put(position=[[2.0, 2.0], [6.0, 6.0], [2.5, 2.0], [6.5, 6.0]])
+        env.set_state(position=[[2.0, 2.0], [6.0, 6.0], [2.5, 2.0], [6.5, 6.0]])
         both = ask(env, wolf="bite_sheep")
         both[1] = env.groups["wolf"].actions.index(other)
         bitten.append([env.step_arrays(both).alive.all() and int(env.state_view.bit[0]) for _ in range(40)])
@@ -177,7 +177,7 @@ def test_a_bite_is_no_cause_of_a_death_that_comes_without_it():
     env = start(wolves(victims={"needs": needs}, damage={"warmth": 0.1}), position=[[4.0, 4.0], [4.5, 4.0]])
     internal = env.state_view.internal.copy()
     internal[1] = 1.0, 0.5
-    env.put(internal=internal)
+    env.set_state(internal=internal)
     tick, state = env.step_arrays(ask(env, wolf="bite_sheep")), env.state_view
     assert state.bit[0] == 1
     assert (CAUSES[state.cause[1]], state.fatal_need[1], state.killer[1], tick.killer[1]) == ("need", 1, -1, -1)
@@ -256,7 +256,7 @@ def test_crowding_counts_the_living_around(dt):
     for _ in range(round(1 / dt)):
         env.step_arrays(ask(env))
     assert env.state_view.internal[:, 0] == pytest.approx([1.8, 1.8, 1.8, 2.0, 2.0])
-    env.put(alive=[True, False, True, True, True], internal=[[2.0]] * 5)
+    env.set_state(alive=[True, False, True, True, True], internal=[[2.0]] * 5)
     for _ in range(round(1 / dt)):
         env.step_arrays(ask(env))
     assert env.state_view.internal[:, 0] == pytest.approx([1.9, 2.0, 1.9, 2.0, 2.0])
@@ -286,7 +286,7 @@ def test_a_rule_sees_the_middle_of_a_tick_in_words():
 
     def rule(world, rng):
         shown.append((world.state.position.copy(), world.state.internal.copy(), world.does("caller", "call").tolist()))
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.received[world.slots["listener"], world.column("listener", "food")] = 0.25
         outcome.given[0, 0] = 0.5
         return outcome
@@ -298,7 +298,7 @@ def test_a_rule_sees_the_middle_of_a_tick_in_words():
     assert (internal == 2.0).all()
     assert calls == [True, False]
     assert env.state_view.internal[:, 0].tolist() == [1.5, 2.0, 2.25]
-    env.put(alive=[False, True, True])
+    env.set_state(alive=[False, True, True])
     env.step_arrays(np.array([1, 1, 0]))
     assert shown[-1][2] == [False, True]  # the dead do nothing
     assert env.state_view.internal[0, 0] == 1.5
@@ -314,7 +314,7 @@ def test_a_rule_cannot_write_into_the_state(field, whole):
             setattr(world.state, field, getattr(world.state, field).copy())
         else:
             getattr(world.state, field)[:] = 0
-        return world.nothing()
+        return world.no_effect()
 
     with pytest.raises(ValueError, match="read-only"):
         start(ruled(rule)).step_arrays(np.zeros(3, np.int64))
@@ -325,14 +325,14 @@ def test_a_rule_puts_bodies_but_not_the_dead(walls, x):
     """A body is where the rule puts it, across the seam of a torus too; a dead body stays where it is."""
 
     def rule(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.position = np.array([[x, 4.0], [5.0, 5.0], [70.0, 7.0]])
         assert world.inside(outcome.position).tolist() == [True, True, not walls]
         return outcome
 
     bodies = kind("caller", count=2), kind("listener")
     env = start(square(*bodies, rule=rule, walls=walls), position=[[2.0, 2.0], [4.0, 4.0], [6.0, 6.0]])
-    env.put(alive=[True, True, False])
+    env.set_state(alive=[True, True, False])
     env.step_arrays(np.zeros(3, np.int64))
     assert env.state_view.position.tolist() == [[1.0, 4.0], [5.0, 5.0], [6.0, 6.0]]
     assert env.state_view.returned == 0
@@ -363,7 +363,7 @@ def test_a_rule_draws_from_a_stream_of_its_own():
 
         def rule(world, rng, many=many):
             rng.random(many)
-            return world.nothing()
+            return world.no_effect()
 
         words = {
             "needs": (Need(name="food", set_point=2.0, noise=0.1, bounds=(0.0, 4.0)),),
@@ -385,7 +385,7 @@ def outcome_with(**words):
     """Return a rule whose outcome has `words` instead of zeros."""
 
     def rule(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         for word, value in words.items():
             setattr(outcome, word, value)
         return outcome
@@ -429,7 +429,7 @@ def test_units_of_a_need_that_a_species_does_not_have_are_refused(word):
     """The columns beyond a species' own needs stay at zero."""
 
     def rule(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         getattr(outcome, word)[:, 1] = 0.1
         return outcome
 

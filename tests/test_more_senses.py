@@ -30,7 +30,7 @@ from ecology.spec import SenseSpec
 
 def sensed(env, species="agent", row=0):
     """Return the components of zeta of one agent by name, as they are now."""
-    tick = env.put()
+    tick = env.set_state()
     zeta = tick.observations[species][row]
     return dict(zip(env.groups[species].layout.names, zeta.tolist(), strict=True))
 
@@ -49,7 +49,7 @@ def test_rays_measure_walls_from_the_heading():
     species = kind(position=(2.0, 3.0), heading=0.0, senses=(Rays(range=20.0, count=4),))
     env = start(square(species))
     assert [sensed(env)[f"ray_{i}"] for i in (1, 2, 3, 4)] == pytest.approx([2.0, 3.0, 6.0, 5.0])
-    env.put(heading=np.array([math.pi / 2]))
+    env.set_state(heading=np.array([math.pi / 2]))
     assert [sensed(env)[f"ray_{i}"] for i in (1, 2, 3, 4)] == pytest.approx([3.0, 6.0, 5.0, 2.0])
     rock = Arena(vertices=((0, 0), (8, 0), (8, 8), (0, 8)), holes=(((4, 2), (5, 2), (5, 5), (4, 5)),))
     env = start(
@@ -90,7 +90,7 @@ def test_kin_and_identity_are_sensed():
     """A parent knows its child, siblings know each other, strangers are none; marks are the digits of the serial."""
 
     def bear(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         if world.state.tick == 0:
             outcome.births["agent"] = np.array([[3.0, 2.0], [2.0, 3.0]])
             outcome.parents["agent"] = np.array([0, 0])
@@ -132,7 +132,7 @@ def test_the_nearest_signal_in_range_is_heard():
     assert heard(left="call") == pytest.approx([2.0, 2.0, math.pi / 2])
     assert heard(left="call", right="whisper") == pytest.approx([-0.5, 1.0, -math.pi / 2])
     assert heard() == [0.0, 3.0, 0.0]
-    env.put(position=np.array([[0.5, 4.0], [4.0, 6.0], [4.0, 3.0]]))
+    env.set_state(position=np.array([[0.5, 4.0], [4.0, 6.0], [4.0, 3.0]]))
     assert heard(left="call", right="call") == [0.0, 3.0, 0.0]
 
 
@@ -157,7 +157,7 @@ def test_a_newborn_remembers_nothing():
     """Whoever takes the slot of a dead agent begins with a trace of 0."""
 
     def replace_it(world, rng):
-        outcome = world.nothing()
+        outcome = world.no_effect()
         outcome.killed[world.slots["agent"]] = world.state.tick == 2
         if world.state.tick == 4:
             outcome.births["agent"] = np.array([[4.0, 4.0]])
@@ -224,7 +224,7 @@ def test_readings_survive_a_snapshot_and_a_put():
     env = parallel_env(scenario)
     env.reset_arrays(seed=1)
     tick = [env.step_arrays(ask(env)) for _ in range(9)][-1]
-    assert np.array_equal(env.put().observations["agent"], tick.observations["agent"])
+    assert np.array_equal(env.set_state().observations["agent"], tick.observations["agent"])
     other = parallel_env(scenario)
     assert np.array_equal(other.restore(*env.snapshot()).observations["agent"], tick.observations["agent"])
     for _ in range(5):
@@ -248,7 +248,7 @@ class Height(SenseSpec):
     zero: float = 0.0
 
     def __post_init__(self):
-        typed.check(self)
+        typed.check_types(self)
 
 
 class HeightSense(Sense):

@@ -145,7 +145,7 @@ def test_the_senses_agree_with_brute_force(arena, sensed):
     for _ in range(12):
         internal = rng.uniform(0, 2, (env.size, 2))
         internal[others, 1] = 0.0
-        tick = env.put(
+        tick = env.set_state(
             position=scatter(arena, 0.1, env.size, rng),
             heading=rng.uniform(-3.1, 3.1, env.size),
             internal=internal,
@@ -167,7 +167,7 @@ def test_who_is_absent_is_as_far_as_can_be():
     for view_range, arena, far in ((3.0, FREE, 3.0), (99.0, FREE, math.hypot(8, 8)), (99.0, TORUS, math.hypot(4, 4))):
         sensed = (Neighbours(count=2, heading=True),)
         env = start(square(kind(count=1, neighbours=sensed, view_range=view_range, senses=()), arena=arena))
-        names, zeta = env.groups["agent"].layout.names, env.put().observations["agent"][0]
+        names, zeta = env.groups["agent"].layout.names, env.set_state().observations["agent"][0]
         assert dict(zip(names, zeta, strict=True)) == pytest.approx(
             {"food": 0.0}
             | {
@@ -186,7 +186,7 @@ def test_the_dead_are_not_sensed():
     )
     env = start(scenario)
     column = env.groups["a"].layout.names.index("other_1_distance")
-    assert env.put().observations["a"][0, column] == 1.0
+    assert env.set_state().observations["a"][0, column] == 1.0
     assert env.step_arrays(np.zeros(2, np.int64)).observations["a"][0, column] == np.float32(math.hypot(8, 8))
 
 

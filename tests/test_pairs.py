@@ -49,7 +49,7 @@ def test_who_sees_whom_is_what_angle_range_and_walls_say(angle):
     state = env.state_view
     pairs = neighbours.find(env.world.model.plane, state.position, state.alive, 4.0)
     looks = np.arange(80) != 7
-    seen = env.world.model.eyes.sees_others(pairs, state.position, state.heading, looks)
+    seen = env.world.model.vision.sees_others(pairs, state.position, state.heading, looks)
     turn = wrap(np.arctan2(pairs.gap[:, 1], pairs.gap[:, 0]) - state.heading[pairs.who])
     lines = shapely.linestrings(np.stack([state.position[pairs.who], state.position[pairs.other]], axis=1))
     clear = shapely.Polygon(scenario.arena.vertices).covers(lines)
@@ -58,7 +58,7 @@ def test_who_sees_whom_is_what_angle_range_and_walls_say(angle):
     assert not clear.all()
     assert np.array_equal(seen, expected)
     # and an agent senses the nearest three of them
-    zeta = env.put().observations["agent"]
+    zeta = env.set_state().observations["agent"]
     first = env.groups["agent"].layout.names.index("other_1_distance")
     for i in range(80):
         mine = (pairs.who == i) & clear & (np.abs(turn) <= angle / 2) & (pairs.distance <= 3.0)

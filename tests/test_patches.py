@@ -107,7 +107,7 @@ def test_relocation_inside_the_arena_with_a_new_stock():
     room = shapely.Polygon(HOOK.vertices).buffer(-0.4, join_style="mitre").buffer(1e-9)
     places = [env.state_view.resource_position[0].copy()]
     for _ in range(40):
-        env.put(position=env.state_view.resource_position)
+        env.set_state(position=env.state_view.resource_position)
         eat(env)
         assert env.state_view.stock == pytest.approx([0.1])
         assert np.array_equal(env.state_view.resource_position[0], places[-1])
@@ -131,12 +131,12 @@ def test_who_was_on_the_way_does_not_know_where_it_went():
     lost = 0
     for seed in range(12):
         env.reset_arrays(seed=seed)
-        env.put(position=[[2.0, 2.0], [2.0, 3.0]])
+        env.set_state(position=[[2.0, 2.0], [2.0, 3.0]])
         env.step_arrays(np.array([1, 2]))
         state = env.state_view
         assert state.bound_for[1] == -1
         gap = np.hypot(*(state.resource_position[0] - state.position[1]))
-        walks_on = bool(env.put().masks["agent"][1, 2])
+        walks_on = bool(env.set_state().masks["agent"][1, 2])
         assert walks_on == (0.3 < gap <= 1.5)
         lost += not walks_on
     assert 0 < lost < 12

@@ -154,7 +154,7 @@ def test_the_dead_stay_where_they_died(room):
     scenario = room(needs=(ecology.Need(name="food", set_point=2.0, bounds=(0.0, 4.0), lethal=True),), count=2)
     env = ecology.parallel_env(scenario)
     env.reset_arrays(seed=0)
-    env.put(position=np.array([[3.0, 5.0], [4.0, 5.0]]), heading=np.zeros(2), alive=np.array([True, False]))
+    env.set_state(position=np.array([[3.0, 5.0], [4.0, 5.0]]), heading=np.zeros(2), alive=np.array([True, False]))
     walk = env.groups["agent"].actions.index("walk")
     for _ in range(20):
         env.step_arrays(np.array([walk, walk]))
@@ -166,7 +166,7 @@ def test_a_life_at_an_absurd_speed_stays_inside(room):
     env = ecology.parallel_env(room(actions=(rest(), move("dash", 20.0)), count=4))
     tick = env.reset_arrays(seed=2)
     for k in range(8):
-        env.put(heading=np.linspace(-3, 3, 4) + k)
+        env.set_state(heading=np.linspace(-3, 3, 4) + k)
         tick = env.step_arrays(np.ones(4, np.int64))
         assert inside(SQUARE, env.state_view.position)
         assert np.isfinite(tick.observations["agent"]).all()

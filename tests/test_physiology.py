@@ -168,7 +168,7 @@ def test_the_drive_is_the_length_of_the_deviation():
     """d = sqrt(0.001 + |delta|^2) over all six variables of the paper's agent."""
     env = ecology.parallel_env(scenarios.load("paper"))
     env.reset_arrays(seed=0)
-    tick = env.put(internal=np.array([[0.5, 2.0, 4.0, 1.0, 2.0, 0.25]]))
+    tick = env.set_state(internal=np.array([[0.5, 2.0, 4.0, 1.0, 2.0, 0.25]]))
     # delta = (-.5, 0, 1, -3, 2, .25)
     assert tick.drive[0] == pytest.approx(np.sqrt(0.001 + 0.25 + 1 + 9 + 4 + 0.0625), rel=1e-14)
     assert tick.observations["agent"][0, :6] == pytest.approx([-0.5, 0, 1, -3, 2, 0.25])
@@ -207,7 +207,7 @@ def test_muscle_fatigue_closes_running_then_walking(fatigue, run, walk):
     env.reset_arrays(seed=0)
     internal = env.state_view.internal.copy()
     internal[0, 4] = fatigue
-    names = open_actions(env, env.put(internal=internal))
+    names = open_actions(env, env.set_state(internal=internal))
     assert ("run" in names) == run
     assert ({"walk", "turn_left", "turn_right", "go_to_food_2"} <= names) == walk
     assert ({"walk", "turn_left", "turn_right", "go_to_food_2"}.isdisjoint(names)) == (not walk)
@@ -220,9 +220,9 @@ def test_sleep_fatigue_leaves_only_sleep():
     env.reset_arrays(seed=0)
     internal = env.state_view.internal.copy()
     internal[0, 5] = COLLAPSE - 0.001
-    assert len(open_actions(env, env.put(internal=internal))) > 1
+    assert len(open_actions(env, env.set_state(internal=internal))) > 1
     internal[0, 5] = COLLAPSE
-    assert open_actions(env, env.put(internal=internal)) == {"sleep"}
+    assert open_actions(env, env.set_state(internal=internal)) == {"sleep"}
     tick = env.step_arrays(np.array([env.groups["agent"].actions.index("rest")]))
     assert env.groups["agent"].actions[tick.action[0]] == "sleep"
     assert tick.closed[0]
@@ -282,19 +282,19 @@ def test_sleep_opens_from_its_threshold(room):
     """An action with `opens_from` is closed below the value and open from it."""
     actions = (rest(), sleep(duration=2.0, opens_from={"fatigue": 1.0}))
     env = start(room(needs=(Need(name="fatigue", set_point=0.0),), actions=actions))
-    assert open_actions(env, env.put(internal=np.array([[0.999]]))) == {"rest"}
-    assert open_actions(env, env.put(internal=np.array([[1.0]]))) == {"rest", "sleep"}
+    assert open_actions(env, env.set_state(internal=np.array([[0.999]]))) == {"rest"}
+    assert open_actions(env, env.set_state(internal=np.array([[1.0]]))) == {"rest", "sleep"}
 
 
 def test_a_full_stomach_closes_consuming(room):
     """Consuming is closed from the value in its `closes_at`, and outside the circle."""
     actions = (rest(), consume("berries", {"food": 0.1}, closes_at={"food": 4.0}))
     env = start(room(actions=actions, position=(5.0, 5.0)))
-    assert open_actions(env, env.put(internal=np.array([[3.999]]))) == {"rest", "consume_berries"}
-    assert open_actions(env, env.put(internal=np.array([[4.0]]))) == {"rest"}
-    env.put(internal=np.array([[2.0]]))
-    assert open_actions(env, env.put(position=np.array([[5.0, 5.3]]))) == {"rest", "consume_berries"}
-    assert open_actions(env, env.put(position=np.array([[5.0, 5.301]]))) == {"rest"}
+    assert open_actions(env, env.set_state(internal=np.array([[3.999]]))) == {"rest", "consume_berries"}
+    assert open_actions(env, env.set_state(internal=np.array([[4.0]]))) == {"rest"}
+    env.set_state(internal=np.array([[2.0]]))
+    assert open_actions(env, env.set_state(position=np.array([[5.0, 5.3]]))) == {"rest", "consume_berries"}
+    assert open_actions(env, env.set_state(position=np.array([[5.0, 5.301]]))) == {"rest"}
 
 
 # ---- time steps --------------------------------------------------------------------------

@@ -87,7 +87,7 @@ def test_view_says_what_is_wrong(tmp_path, monkeypatch):
     with pytest.raises(EcologyError, match="not a Rerun recording"):
         viewer.view(tmp_path)
     path.write_bytes(b"RRF2" + bytes(60))
-    assert not viewer.joined([path], path)
+    assert not viewer.join_recordings([path], path)
     monkeypatch.setenv("DISPLAY", ":0")
     with pytest.raises(EcologyError, match="damaged"):
         viewer.view(tmp_path)
@@ -108,7 +108,7 @@ class Drawing:
         return self
 
     def open(self, path):
-        assert viewer.whole(pathlib.Path(path))
+        assert viewer.is_complete(pathlib.Path(path))
 
     def set_time(self, timeline, *, sequence, play_state):
         self.at.append(sequence)
@@ -191,7 +191,7 @@ def test_a_picture_shows_the_world(world):
     before = env.render()
     assert before.shape == (600, 800, 3)
     assert before.dtype == np.uint8
-    env.put(position=scatter(env.scenario.arena, 0.2, env.size, np.random.default_rng(1)))
-    after = picture.draw(env.scenario, env.state_view)
+    env.set_state(position=scatter(env.scenario.arena, 0.2, env.size, np.random.default_rng(1)))
+    after = picture.draw_picture(env.scenario, env.state_view)
     assert (before != after).any()
     assert np.array_equal(after, env.render())

@@ -63,7 +63,7 @@ def test_a_place_on_the_far_seam_is_the_near_one():
     scenario = square(kind(position=(8.0, 3.0), neighbours=(ecology.Neighbours(),), view_range=1.0), walls=False)
     env = start(scenario)
     assert env.state_view.position.tolist() == [[0.0, 3.0]]
-    env.put(position=[[8.0, 16.5]])
+    env.set_state(position=[[8.0, 16.5]])
     assert env.state_view.position.tolist() == [[0.0, 0.5]]
 
 
@@ -106,7 +106,7 @@ def test_every_patch_has_a_stock_and_a_place_of_its_own():
     assert places.shape == (4, 2)
     assert len(np.unique(places, axis=0)) == 4
     places = [[7.5, 7.5], [1.0, 1.0], [4.0, 4.0], [6.0, 1.0]]
-    env.put(resource_position=places, position=[[4.2, 4.0], [6.0, 1.0]], internal=[[0.0], [0.0]])
+    env.set_state(resource_position=places, position=[[4.2, 4.0], [6.0, 1.0]], internal=[[0.0], [0.0]])
     env.step_arrays(ask(env, agent="consume_berries"))
     assert env.state_view.stock[1:].tolist() == [1.0, 0.5, 0.5]
     assert env.state_view.eaten[1:].tolist() == [0.0, 0.5, 0.5]
@@ -116,7 +116,7 @@ def test_the_nearest_patch_with_something_in_it_is_eaten_and_gone_to():
     """Of two circles one stands in, the nearer; when it is empty, the other; then the walk leads to the third."""
     env = start(patches(3))
     places = [[7.5, 7.5], [4.3, 4.0], [4.0, 4.4], [4.0, 6.0]]
-    env.put(resource_position=places, position=[[4.0, 4.0]], internal=[[0.0]], heading=[0.0])
+    env.set_state(resource_position=places, position=[[4.0, 4.0]], internal=[[0.0]], heading=[0.0])
     left = []
     for _ in range(4):
         env.step_arrays(ask(env, agent="consume_berries"))
@@ -138,7 +138,7 @@ def test_what_is_seen_of_a_kind_is_its_nearest_patch():
         ([0.0, 1.0], (3.0, math.pi / 2, 0.25)),
         ([0.0, 0.0], (math.hypot(8, 8), 0.0, 0.0)),
     ):
-        tick = env.put(
+        tick = env.set_state(
             resource_position=[[7.5, 7.5], [5.0, 4.0], [1.0, 4.0]],
             stock=[math.inf, *stock],
             available=[True] * 3,
@@ -153,8 +153,8 @@ def test_patches_share_grow_and_relocate_each_by_itself():
     """Two at one patch share it while a third has another for itself; only the empty one relocates, full again."""
     env = start(patches(2, agents=3, motion=Relocation()))
     places = [[7.5, 7.5], [2.0, 2.0], [6.0, 2.0]]
-    env.put(resource_position=places, position=[[2.0, 2.1], [2.1, 2.0], [6.0, 2.0]], internal=[[0.0]] * 3)
-    env.put(stock=[math.inf, 0.6, 1.0])
+    env.set_state(resource_position=places, position=[[2.0, 2.1], [2.1, 2.0], [6.0, 2.0]], internal=[[0.0]] * 3)
+    env.set_state(stock=[math.inf, 0.6, 1.0])
     env.step_arrays(ask(env, agent="consume_berries"))
     state = env.state_view
     assert state.internal[:, 0] == pytest.approx([0.3, 0.3, 0.5])

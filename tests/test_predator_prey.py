@@ -23,7 +23,7 @@ def face_to_face(**changes):
     env.reset_arrays(seed=0)
     position = np.full((env.size, 2), 6.5)
     position[env.groups["predator"].slots] += [0.3, 0.0]
-    return env, env.put(position=position)
+    return env, env.set_state(position=position)
 
 
 def live(env, learner, ticks, seed=0, also=lambda tick, minds: None):
@@ -125,7 +125,7 @@ def test_a_newborn_knows_what_its_parent_knows_or_nothing(inherit):
     env = meadow(prey_birth=1e3, predator_birth=1e3, **words)
     untaught, _ = live(env, "hjb", 0)
     fit = np.where(env.state_view.internal > 0, 1.0, 0.0)
-    tick = env.put(internal=fit, age=np.full(env.size, 300.0))
+    tick = env.set_state(internal=fit, age=np.full(env.size, 300.0))
     loop.run(env, minds, tick, 1, (seen := Last(),))
     for name, group in env.groups.items():
         children = np.flatnonzero(seen.tick.born[group.slots])

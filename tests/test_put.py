@@ -60,7 +60,7 @@ def test_what_no_world_can_come_to_is_refused(field, row, value, said):
     wrong = before.arrays()[field].copy()
     wrong[row] = value
     with pytest.raises(EcologyError) as error:
-        env.put(**{"heading": np.ones(3), field: wrong})
+        env.set_state(**{"heading": np.ones(3), field: wrong})
     assert said in str(error.value)
     for name, values in before.arrays().items():
         assert np.array_equal(values, env.state_view.arrays()[name]), name
@@ -81,7 +81,7 @@ def test_what_no_world_can_come_to_is_refused(field, row, value, said):
 def test_values_of_another_type_are_refused(fields, said):
     """Nothing is rounded or cut to the type of a field."""
     with pytest.raises(EcologyError) as error:
-        start(one_of_each()).put(**fields)
+        start(one_of_each()).set_state(**fields)
     assert said in str(error.value)
 
 
@@ -101,12 +101,12 @@ def test_a_lethal_need_can_be_put_beyond_its_bounds():
 def test_the_dead_lie_anywhere():
     """What a slot holds in which nobody lives is checked for numbers only; it is checked when someone lives there."""
     env = start(square(kind(count=1, capacity=2, birth=ecology.Birth(rate=1e-9))))
-    env.put(internal=[[2.0], [9.0]], position=[[4.0, 4.0], [0.0, 0.0]])
+    env.set_state(internal=[[2.0], [9.0]], position=[[4.0, 4.0], [0.0, 0.0]])
     with pytest.raises(EcologyError, match=r"internal\[1\] must be within"):
-        env.put(alive=[True, True])
+        env.set_state(alive=[True, True])
     with pytest.raises(EcologyError, match=r"position\[1\] must be inside"):
-        env.put(alive=[True, True], internal=[[2.0], [1.0]])
-    env.put(alive=[True, True], internal=[[2.0], [1.0]], position=[[4.0, 4.0], [5.0, 5.0]])
+        env.set_state(alive=[True, True], internal=[[2.0], [1.0]])
+    env.set_state(alive=[True, True], internal=[[2.0], [1.0]], position=[[4.0, 4.0], [5.0, 5.0]])
 
 
 def test_a_state_can_be_put_back_as_it_is():
@@ -119,7 +119,7 @@ def test_a_state_can_be_put_back_as_it_is():
             break
     before = env.state_view.copy()
     assert (before.cause > 0).any()
-    env.put(**before.arrays())
+    env.set_state(**before.arrays())
     for name, values in before.arrays().items():
         assert np.array_equal(values, env.state_view.arrays()[name]), name
 
@@ -150,11 +150,11 @@ def test_names_follow_who_is_put_to_death_and_to_life():
     """The dead leave `agents` and have a cause; whoever lives in a slot where nobody did gets a name of its own."""
     env = ecology.parallel_env(square(kind(count=3, capacity=5, birth=ecology.Birth(rate=1e-9))))
     env.reset(seed=0)
-    env.put(alive=[True, False, True, False, False])
+    env.set_state(alive=[True, False, True, False, False])
     assert env.agents == names(env) == ["agent_0", "agent_2"]
     assert [CAUSES[c] for c in env.state_view.cause[:3]] == ["alive", "rule", "alive"]
     places = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0], [4.0, 4.0], [5.0, 5.0]])
-    env.put(alive=[True, True, False, True, False], position=places, internal=np.full((5, 1), 2.0))
+    env.set_state(alive=[True, True, False, True, False], position=places, internal=np.full((5, 1), 2.0))
     assert env.agents == names(env) == ["agent_0", "agent_1", "agent_3"]
     assert env.state_view.next_serial == 4
     assert env.state_view.cause.tolist() == [0, 0, CAUSES.index("rule"), 0, 0]
@@ -166,7 +166,7 @@ def test_nobody_is_put_where_nobody_has_a_name():
     """In a world without births the names are those of the founders."""
     env = start(square(kind(count=1, capacity=2)))
     with pytest.raises(EcologyError, match=r"nobody can live in the slots \[1\].*Raise the count"):
-        env.put(alive=[True, True], position=[[1.0, 1.0], [2.0, 2.0]])
+        env.set_state(alive=[True, True], position=[[1.0, 1.0], [2.0, 2.0]])
 
 
 @pytest.mark.parametrize("world", ["well_mixed", "everything"])

@@ -268,7 +268,7 @@ def test_a_resumed_recording_is_one(tmp_path):
         rerun_observer(path)
     again = rerun_observer(path, every=10, resume=True)
     again.begin(env, minds)
-    advance(env, minds, env.put(), 20, [again])
+    advance(env, minds, env.set_state(), 20, [again])
     again.end()
     assert len(RrdReader(str(path)).recordings()) == len(RrdReader(str(path)).blueprints()) == 1
     ticks, _ = column(path, "/world/agents/agent", "drive")
@@ -283,7 +283,7 @@ def test_a_recording_too_large_to_be_put_in_order_can_be_read(tmp_path, monkeypa
     monkeypatch.setattr(rerun, "TIDY", 0)
     path = tmp_path / "recording.rrd"
     env = live(one(), rerun_observer(path, every=10))
-    assert not viewer.whole(path)
+    assert not viewer.is_complete(path)
     ticks = list(range(0, TICKS + 1, 10))
     assert [f.tick for f in readback.frames(path, env.scenario, 0)] == ticks
     again = rerun_observer(path, every=10, resume=True)
@@ -306,11 +306,11 @@ def test_a_last_stretch_that_cannot_be_read_is_left_out(tmp_path):
     path = tmp_path / "recording.rrd"
     env = live(one(), rerun_observer(path, every=10))
     path.write_bytes(path.read_bytes()[:-100])
-    viewer.resumed(path).write_bytes(b"")
+    viewer.resumed_path(path).write_bytes(b"")
     minds = {"agent": Wanderer(env.groups["agent"], np.random.SeedSequence(6))}
     again = rerun_observer(path, every=10, resume=True)
     again.begin(env, minds)
-    advance(env, minds, env.put(), 20, [again])
+    advance(env, minds, env.set_state(), 20, [again])
     again.end()
     assert {0, TICKS, TICKS + 10, TICKS + 20} <= set(column(path, "/world/agents/agent", "drive")[0].tolist())
     assert list(tmp_path.iterdir()) == [path]
@@ -330,9 +330,9 @@ def test_a_killed_recording_opens(tmp_path):
         "os.kill(os.getpid(), 9)\n"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == -9
-    assert not viewer.whole(path)
+    assert not viewer.is_complete(path)
     path.write_bytes(path.read_bytes()[:-100])  # in the middle of a write
-    mended = viewer.mended(path, tmp_path / "mended.rrd")
+    mended = viewer.repair_recording(path, tmp_path / "mended.rrd")
     ticks, _ = column(mended, "/world/agents/agent", "drive")
     assert len(ticks) > TICKS // 2
 
@@ -342,7 +342,7 @@ def test_a_killed_recording_opens(tmp_path):
     again.begin(env, minds)
     before = list(range(TICKS // 3 + 1))
     assert column(path, "/world/agents/agent", "drive")[0].tolist() == before
-    advance(env, minds, env.put(), 5, [again])
+    advance(env, minds, env.set_state(), 5, [again])
     again.end()
     after = [*before, *range(TICKS // 3 + 1, TICKS // 3 + 6)]
     for entity, component in (("/world/agents/agent", "drive"), ("/focus/agent/needs", "Scalars:scalars")):
@@ -371,7 +371,7 @@ def test_a_recording_that_is_damaged_inside_is_one_clear_error(tmp_path):
             lambda s: Hindsight(s, one(), "x"),
         ):
             try:
-                with viewer.complete(path) as source:
+                with viewer.open_recording(path) as source:
                     look(source)
             except EcologyError:
                 refused += 1

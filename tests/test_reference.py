@@ -20,7 +20,7 @@ def start(internal=None, position=None, **settings):
         fields["internal"] = np.array([internal], float)
     if position is not None:
         fields["position"] = np.array([position], float)
-    env.put(**fields)
+    env.set_state(**fields)
     return env
 
 
@@ -37,7 +37,7 @@ def do(env, *names):
 
 def open_actions(env):
     """Return the names of the open actions."""
-    mask = env.put().masks["agent"][0]
+    mask = env.set_state().masks["agent"][0]
     return {name for name, is_open in zip(env.groups["agent"].actions, mask, strict=True) if is_open}
 
 

@@ -8,10 +8,10 @@ import pytest
 from ecology import Ecology, EcologyError, scenarios
 from ecology.agents.base import Learner
 from ecology.lab import cli
-from ecology.lab.certificate import authors, cases, empathic, episodes, ledger, report
+from ecology.lab.certificate import authors, cases, empathic, episodes, part_store, report
 from ecology.lab.certificate.case import Case, Part, Row
 from ecology.lab.certificate.cases.trap import forages, rescues, rests
-from ecology.lab.certificate.ledger import Ledger
+from ecology.lab.certificate.part_store import PartStore
 
 
 @pytest.fixture
@@ -145,10 +145,10 @@ def test_every_case_can_be_told_before_it_is_done():
 @pytest.mark.parametrize("name", ["theory", "commons"])
 def test_short_cases_agree_with_their_closed_forms(name, tmp_path):
     """The drive under constant intake, and the most eaters that a pool bears."""
-    case, kept = cases.all_cases()[name], Ledger(tmp_path)
-    for part in ledger.left(case, kept):
+    case, kept = cases.all_cases()[name], PartStore(tmp_path)
+    for part in part_store.unfinished_parts(case, kept):
         kept.do(case, part)
-    rows = ledger.rows(case, kept)
+    rows = part_store.rows(case, kept)
     assert rows
     assert all(row.says() == "agrees" for row in rows)
 
@@ -160,15 +160,15 @@ def test_the_yardsticks_of_the_trap(monkeypatch):
     words = {"condition": "none"}
     for accident in (trap.ACCIDENT, 0.0):
         monkeypatch.setattr(trap, "ACCIDENT", accident)
-        lives, _ = episodes.scripted("trap", words, rests, 1, 2, 1500)
+        lives, _ = episodes.run_scripted("trap", words, rests, 1, 2, 1500)
         assert max(lives[0]) <= 1200  # at most 1 + 0.2 of energy, 0.001 a tick
-    assert episodes.scripted("trap", words, forages, 1, 2, 1500)[0] == [[1500, 1500]]
+    assert episodes.run_scripted("trap", words, forages, 1, 2, 1500)[0] == [[1500, 1500]]
     for policy, helped in ((forages, False), (rescues, True)):
         env = Ecology(scenarios.load("trap"))
         env.reset_arrays(0)
         env.step_arrays(rests(env))
         place = np.array([[-0.8, 0.7], [0.8, -0.7]])
-        env.put(internal=np.array([[1.0, 1.0], [0.25, 0.0]]), position=place)
+        env.set_state(internal=np.array([[1.0, 1.0], [0.25, 0.0]]), position=place)
         for _ in range(40):
             env.step_arrays(policy(env))
         assert (env.state_view.internal[1].sum() > 0.3) == helped  # food in hand, or eaten

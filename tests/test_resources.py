@@ -120,10 +120,10 @@ def test_empty_and_unavailable_close_consume_and_go_to():
     tick = env.reset_arrays(seed=0)
     assert tick.masks["agent"][0].tolist() == [True, True, False]
     for gone in ({"stock": [0.0]}, {"stock": [1.0], "available": [False]}):
-        assert env.put(position=[[2.0, 2.0]], **gone).masks["agent"][0].tolist() == [True, False, False]
-        assert env.put(position=[[3.0, 2.0]], **gone).masks["agent"][0].tolist() == [True, False, False]
+        assert env.set_state(position=[[2.0, 2.0]], **gone).masks["agent"][0].tolist() == [True, False, False]
+        assert env.set_state(position=[[3.0, 2.0]], **gone).masks["agent"][0].tolist() == [True, False, False]
         assert env.state_view.seen.all()
-    assert env.put(available=[True]).masks["agent"][0].tolist() == [True, False, True]
+    assert env.set_state(available=[True]).masks["agent"][0].tolist() == [True, False, True]
 
 
 def test_an_unavailable_resource_gives_nothing_to_one_who_is_held_to_it():
@@ -140,7 +140,7 @@ def test_an_unavailable_resource_gives_nothing_to_one_who_is_held_to_it():
     )
     env.reset_arrays(seed=0)
     eat(env)
-    tick = env.put(available=[False])
+    tick = env.set_state(available=[False])
     assert tick.masks["agent"][0].tolist() == [False, True]
     eat(env)
     assert env.state_view.internal[0, 0] == pytest.approx(1.1)
@@ -153,7 +153,7 @@ def test_a_committed_walk_ends_where_there_is_nothing_left():
     env.reset_arrays(seed=0)
     tick = env.step_arrays(np.array([2]))
     assert tick.masks["agent"][0].tolist() == [False, False, True]
-    assert env.put(stock=[0.0]).masks["agent"][0].tolist() == [True, False, False]
+    assert env.set_state(stock=[0.0]).masks["agent"][0].tolist() == [True, False, False]
 
 
 # ---- growing -----------------------------------------------------------------------------
@@ -353,7 +353,7 @@ def test_pettingzoo_accepts_a_crowd_around_stocks():
     env.render_mode = "rgb_array"
     env.reset_arrays(seed=0)
     full = env.render()
-    env.put(stock=np.array([0.0, 1.0, 0.7, np.inf, 0.0]), available=np.array([True, True, False, True, True]))
+    env.set_state(stock=np.array([0.0, 1.0, 0.7, np.inf, 0.0]), available=np.array([True, True, False, True, True]))
     assert (full != env.render()).any()
 
 

@@ -165,9 +165,9 @@ def test_an_evaluation_measures_own_drives(tmp_path: Path) -> None:
 def test_a_sweep_with_empathy_shows_own_drives_first(sweep: Type, monkeypatch: pytest.MonkeyPatch) -> None:
     """The own drive is printed and drawn before the felt one, and both are columns of the table."""
     drawn: list[list[str]] = []
-    draw = sweeps.draw
+    draw = sweeps.draw_sweep
     monkeypatch.setattr(
-        sweeps, "draw", lambda path, panels, title: (drawn.append([*panels]), draw(path, panels, title))
+        sweeps, "draw_sweep", lambda path, panels, title: (drawn.append([*panels]), draw(path, panels, title))
     )
     code, out, err = sweep("--set", "weight=0.0,0.5")
     assert code == 0, err

@@ -22,7 +22,7 @@ from ecology import EcologyError, agents
 from ecology.agents import checkpoint
 from ecology.agents.base import DivergedError, Learner, Transition
 from ecology.lab.cli import main
-from ecology.lab.runs import tally
+from ecology.lab.runs import run_summary
 from ecology.lab.runs.run import Run, open_run
 from ecology.lab.runs.run_config import Plan, read_config, resolve
 from ecology.observers.base import Observer
@@ -107,9 +107,9 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
     whole = Run(plan(160), tmp_path / "whole")
     whole.start()
     expected = whole.live()
-    assert whole.tally.span == 1
+    assert whole.totals.span == 1
     assert expected["population"]["crowd"]["least"] < expected["population"]["crowd"]["most"]
-    monkeypatch.setattr(tally, "BLOCKS", 16)
+    monkeypatch.setattr(run_summary, "BLOCKS", 16)
     part = Run(plan(50), tmp_path / "parts")
     part.start()
     part.live()
@@ -121,14 +121,14 @@ def test_a_long_run_is_summed_up_in_blocks(tmp_path: Path, monkeypatch: pytest.M
     for key in ("wall_seconds", "cpu_seconds", "learner_cpu_seconds", "agent_steps_per_second"):
         del found[key], expected[key]
     assert found == expected
-    assert (again.tally.span, len(again.tally.drive), again.tally.state()[0]["drive"].shape) == (16, 16, (10, 1))
-    (fine, one), (coarse, many) = whole.tally.drives("crowd"), again.tally.drives("crowd")
+    assert (again.totals.span, len(again.totals.drive), again.totals.state()[0]["drive"].shape) == (16, 16, (10, 1))
+    (fine, one), (coarse, many) = whole.totals.drives("crowd"), again.totals.drives("crowd")
     assert (len(fine), one, len(coarse), many) == (160, 1, 10, 16)
-    living = whole.tally.living[:160, 0]  # a block weighs each tick by the living
+    living = whole.totals.living[:160, 0]  # a block weighs each tick by the living
     expected_drive = (fine * living).reshape(10, 16).sum(axis=1) / living.reshape(10, 16).sum(axis=1)
     np.testing.assert_allclose(coarse, expected_drive)
-    assert again.tally.mean_drive(152) == pytest.approx(again.tally.mean_drive(144))  # half of the last block
-    assert again.tally.mean_drive(160) is None
+    assert again.totals.mean_drive(152) == pytest.approx(again.totals.mean_drive(144))  # half of the last block
+    assert again.totals.mean_drive(160) is None
 
 
 def test_a_species_that_died_out_is_told_with_its_tick(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -157,11 +157,11 @@ def test_a_species_that_died_out_is_told_with_its_tick(tmp_path: Path, capsys: p
 def test_a_species_that_came_back_has_not_died_out(crowd: Callable[..., Run]) -> None:
     """Only the last death counts: newcomers undo it, and one who never lived has not died."""
     run = crowd("out", 10)
-    tally, tick, state = run.tally, run.tick, run.env.state_view
+    totals, tick, state = run.totals, run.tick, run.env.state_view
     for at, living in enumerate((12, 0, 0, 3, 0, 0), start=1):
         alive = np.arange(12) < living
-        tally.watch(replace(state, tick=at), replace(tick, alive=alive), {})
-        assert tally.gone.tolist() == [{2: 2, 3: 2, 5: 5, 6: 5}.get(at, 0)]
+        totals.watch(replace(state, tick=at), replace(tick, alive=alive), {})
+        assert totals.gone.tolist() == [{2: 2, 3: 2, 5: 5, 6: 5}.get(at, 0)]
 
 
 def test_a_run_leaves_one_folder(tmp_path: Path) -> None:

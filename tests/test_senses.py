@@ -18,7 +18,7 @@ def look(position, heading=0.0, name="paper", **settings):
     """Return which resources, from 1, are seen and reached by an agent put at a place."""
     env = ecology.parallel_env(scenarios.load(name, **settings))
     env.reset_arrays(seed=0)
-    env.put(position=np.array([position], float), heading=np.array([heading]))
+    env.set_state(position=np.array([position], float), heading=np.array([heading]))
     state = env.state_view
     return {i + 1 for i in np.flatnonzero(state.seen[0])}, {i + 1 for i in np.flatnonzero(state.inside[0])}
 
@@ -99,7 +99,7 @@ def test_the_dead_see_and_reach_nothing(room):
     env = ecology.parallel_env(room(position=(5.0, 5.0), heading=0.0))
     env.reset_arrays(seed=0)
     assert env.state_view.inside.all()
-    tick = env.put(alive=np.array([False]))
+    tick = env.set_state(alive=np.array([False]))
     assert not env.state_view.inside.any()
     assert not env.state_view.seen.any()
     assert not tick.masks["agent"].any()
@@ -109,7 +109,7 @@ def test_zeta_is_what_the_layout_says():
     """The components of an observation stand where the layout names them."""
     env = ecology.parallel_env(scenarios.load("paper"))
     env.reset_arrays(seed=0)
-    tick = env.put(position=np.array([[2.5, 3.25]]), heading=np.array([-0.75]))
+    tick = env.set_state(position=np.array([[2.5, 3.25]]), heading=np.array([-0.75]))
     layout = env.groups["agent"].layout
     zeta = dict(zip(layout.names, tick.observations["agent"][0].tolist(), strict=True))
     assert (zeta["x"], zeta["y"], zeta["heading"]) == (2.5, 3.25, -0.75)
@@ -146,7 +146,7 @@ def test_go_to_opens_with_sight_and_closes_at_the_circle():
     env.reset_arrays(seed=0)
 
     def at(position, heading):
-        return open_actions(env, env.put(position=np.array([position]), heading=np.array([heading])))
+        return open_actions(env, env.set_state(position=np.array([position]), heading=np.array([heading])))
 
     assert "go_to_food_2" in at((3.0, 2.0), 0.0)
     assert "go_to_food_2" not in at((3.0, 2.0), math.pi)
@@ -162,7 +162,7 @@ def test_go_to_carries_on_until_it_arrives(act, index):
     """Under way, go_to walks straight at its speed, stays open unseen, and ends at the circle."""
     env = ecology.parallel_env(scenarios.load("paper"))
     env.reset_arrays(seed=0)
-    env.put(position=np.array([[0.6, 1.5]]), heading=np.array([0.5]))
+    env.set_state(position=np.array([[0.6, 1.5]]), heading=np.array([0.5]))
     gap = 2.9 - 0.3  # to the circle of food_2, straight to the east
     for k in range(1, math.ceil(gap / 0.1 - 1e-9)):
         tick = act(env, "go_to_food_2")
@@ -171,7 +171,7 @@ def test_go_to_carries_on_until_it_arrives(act, index):
         assert env.state_view.position[0] == pytest.approx([0.6 + 0.1 * k, 1.5], abs=1e-9)
         assert env.state_view.heading[0] == pytest.approx(0.0, abs=1e-9)
         # even with its back to the resource, the way it is on stays open
-        assert "go_to_food_2" in open_actions(env, env.put(heading=np.array([math.pi])))
+        assert "go_to_food_2" in open_actions(env, env.set_state(heading=np.array([math.pi])))
         assert not env.state_view.seen[0, 1]
     tick = act(env, "go_to_food_2")
     assert env.state_view.inside[0, 1]
@@ -187,7 +187,7 @@ def test_who_stands_in_a_patch_has_arrived(room, act):
     agent = dataclasses.replace(plain.species[0], needs=(Need(name="food", set_point=2.0, start=1.0),))
     env = ecology.parallel_env(dataclasses.replace(plain, resources=(grass,), species=(agent,)))
     env.reset_arrays(seed=0)
-    env.put(position=env.state_view.resource_position[:1] + np.array([[0.45, 0.0]]))
+    env.set_state(position=env.state_view.resource_position[:1] + np.array([[0.45, 0.0]]))
     assert env.state_view.seen.all()
     for _ in range(2):  # to the circle of radius 0.3
         tick = act(env, "go_to_berries")
@@ -205,7 +205,7 @@ def test_a_free_go_to_may_be_left_at_any_tick(act):
     env.reset_arrays(seed=0)
     tick = act(env, "go_to_food_2", 2)
     assert {"rest", "walk", "run", "turn_left", "sleep"} <= open_actions(env, tick)
-    env.put(heading=np.array([math.pi]))
+    env.set_state(heading=np.array([math.pi]))
     tick = act(env, "rest")
     assert not tick.closed[0]
     assert "go_to_food_2" not in open_actions(env, tick)
@@ -236,7 +236,7 @@ def test_exhaustion_ends_even_a_committed_go_to(act):
     act(env, "go_to_food_2")
     internal = env.state_view.internal.copy()
     internal[0, 4] = WALK_UP_TO
-    names = open_actions(env, env.put(internal=internal))
+    names = open_actions(env, env.set_state(internal=internal))
     assert "go_to_food_2" not in names
     assert "rest" in names
 
@@ -253,9 +253,9 @@ def test_every_resource_of_the_paper_can_be_reached_by_go_to():
         place = rng.uniform([0, 0], [8, 6])
         if not room.contains(shapely.Point(place)):
             continue
-        env.put(position=place[None], internal=tired, bound_for=np.array([-1]))
+        env.set_state(position=place[None], internal=tired, bound_for=np.array([-1]))
         for i in np.flatnonzero(env.state_view.seen[0] & ~env.state_view.inside[0]):
-            env.put(position=place[None], internal=tired, bound_for=np.array([-1]))
+            env.set_state(position=place[None], internal=tired, bound_for=np.array([-1]))
             gap = math.dist(place, PLACES[i]) - 0.3
             for _ in range(math.ceil(gap / 0.1) + 15):  # a corner costs a few ticks
                 env.step_arrays(np.array([names.index(f"go_to_food_{i + 1}")]))

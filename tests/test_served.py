@@ -243,7 +243,7 @@ def test_a_write_that_fails_leaves_whole_messages(tmp_path: Path, monkeypatch: p
     file.close()
     from rerun.chunk import RrdReader
 
-    whole = viewer.mended(tmp_path / "recording.rrd", tmp_path / "whole.rrd")
+    whole = viewer.repair_recording(tmp_path / "recording.rrd", tmp_path / "whole.rrd")
     rows = [row for chunk in RrdReader(str(whole)).stream().filter(content="/a")
             for row in chunk.to_record_batch().column("tick").to_pylist()]  # fmt: skip
     assert sorted(rows) == list(range(20))

@@ -81,11 +81,11 @@ def test_a_job_that_fails_is_submitted_again(submitit: SimpleNamespace, tmp_path
     submitit.fails = 2
     attempt, count = slurm.by_slurm("gpu", tmp_path)
     assert count() == slurm.AT_ONCE
-    outcome = sweep._lived(cell(tmp_path), attempt, threading.Event())
+    outcome = sweep._run_cell(cell(tmp_path), attempt, threading.Event())
     assert len(submitit.submitted) == 3
     assert outcome.failed.startswith("its folder")  # no job ran here, so it is not seen
     submitit.fails, submitit.submitted[:] = 99, []
-    outcome = sweep._lived(cell(tmp_path), attempt, threading.Event())
+    outcome = sweep._run_cell(cell(tmp_path), attempt, threading.Event())
     assert len(submitit.submitted) == 1 + sweep.RETRIES
     assert "node n3 failed" in outcome.failed
     assert "and more" not in outcome.failed

@@ -23,7 +23,7 @@ import rates
 
 def rule(world, rng):
     from late.amounts import amount
-    outcome = world.nothing()
+    outcome = world.no_effect()
     outcome.received[:] = amount * rng.random()
     return outcome
 

@@ -62,7 +62,7 @@ def test_a_score_chooses_what_is_open():
     )
     env.step({env.agents[0]: np.array([0.1, 0.0, 0.2, 0.9])})
     assert env.env.groups["body"].actions[env.env.state_view.action[0]] == "consume_dish"
-    env.env.put(position=np.array([[1.0, 1.0]]))
+    env.env.set_state(position=np.array([[1.0, 1.0]]))
     env.step({env.agents[0]: np.array([0.1, 0.0, 0.2, 0.9])})
     assert env.env.groups["body"].actions[env.env.state_view.action[0]] == "rest"
 
@@ -119,7 +119,7 @@ def test_one_thing_is_eaten_and_bitten_in_several_ways():
     found = {}
     for act in ("nibble", "gorge", "nip", "maul"):
         env = start(world)
-        env.put(internal=np.full_like(env.state_view.internal, 1.0))
+        env.set_state(internal=np.full_like(env.state_view.internal, 1.0))
         env.step_arrays(ask(env, hunter=act, prey="rest"))
         found[act] = env.state_view.internal[:, 0] - 1.0
     assert [found[a][0] for a in ("nibble", "gorge")] == pytest.approx([0.1, 0.4])

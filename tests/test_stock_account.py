@@ -80,7 +80,7 @@ def test_an_unlimited_resource_is_accounted_for_too():
     """In the paper's world what is eaten of an unlimited resource is booked, and its stock stays infinite."""
     env = ecology.parallel_env(scenarios.load("paper"))
     env.reset_arrays(seed=0)
-    env.put(position=env.state_view.resource_position[:1])
+    env.set_state(position=env.state_view.resource_position[:1])
     act = env.groups["agent"].actions.index("consume_food_1")
     for _ in range(5):
         env.step_arrays(np.array([act]))

@@ -9,9 +9,9 @@ import pytest
 from ecology import Ecology, scenarios
 from ecology.agents import checkpoint
 from ecology.lab import cli
-from ecology.lab.certificate import crowds, ledger
+from ecology.lab.certificate import crowds, part_store
 from ecology.lab.certificate.cases import all_cases
-from ecology.lab.certificate.ledger import Ledger
+from ecology.lab.certificate.part_store import PartStore
 
 
 def test_a_life_is_that_of_a_run(tmp_path):
@@ -20,7 +20,7 @@ def test_a_life_is_that_of_a_run(tmp_path):
     with pytest.raises(SystemExit):
         cli.main(["run", "colony", *words, "--out", str(tmp_path / "run")])
     alone = checkpoint.read(tmp_path / "run/checkpoint")["world"][0]
-    state, rows = crowds.lived("colony", 3, 150, lambda _, now: (now.tick, now.own_drive[0]), weight=0.5)
+    state, rows = crowds.run_life("colony", 3, 150, lambda _, now: (now.tick, now.own_drive[0]), weight=0.5)
     for name, array in state.arrays().items():
         np.testing.assert_array_equal(array, alone[name], err_msg=name)
     assert rows[:, 0].tolist() == list(range(1, 151))
@@ -30,21 +30,21 @@ def test_a_life_is_that_of_a_run(tmp_path):
 def test_the_closed_form_is_the_recursion():
     """ln(n q / (n q - growth E0)) / ln(1 + growth) is the tick at which E' = (1 + growth) E - n q is below zero."""
     assert crowds.most() == pytest.approx(15)
-    assert math.isinf(crowds.emptied_at(15))
+    assert math.isinf(crowds.emptying_time(15))
     for n in (16, 18, 24):
         left, tick = 300.0, 0
         while left > 0:
             left, tick = min(300.0, 1.0005 * left - 0.01 * n), tick + 1
-        assert tick == math.ceil(crowds.emptied_at(n))
+        assert tick == math.ceil(crowds.emptying_time(n))
 
 
 def test_a_pool_is_emptied_once(monkeypatch):
     """The tick is the first after which nothing is left; what each ate is over the ticks until then."""
-    _, rows = crowds.lived("commons", 0, 20, lambda *_: (0.0,), n=4)
+    _, rows = crowds.run_life("commons", 0, 20, lambda *_: (0.0,), n=4)
     assert rows.shape == (20, 1)
     state = type("State", (), {"eaten": np.array([6.0])})
     seen = np.array([[2.0, 0.1], [1.0, 0.1], [0.0, 0.3], [0.0, 0.5]])
-    monkeypatch.setattr(crowds, "lived", lambda *_, **__: (state, seen))
+    monkeypatch.setattr(crowds, "run_life", lambda *_, **__: (state, seen))
     assert crowds.commons(2, 0, 4) == {"empty": 3, "stock": 0.0, "eaten": 1.0, "drive": 0.4}
     seen[2:, 0] = 0.5
     assert crowds.commons(2, 0, 4) == {"empty": None, "stock": 0.5, "eaten": 0.75, "drive": 0.4}
@@ -54,7 +54,7 @@ def test_the_dead_of_a_colony_have_no_drive(monkeypatch):
     """Means are over those alive and the ticks in which somebody is; of nobody there is none."""
     nan = math.nan
     seen = np.array([[1, 1, 9, 9, 1], [1, 1, 9, 9, 1], [0.5, 1, 0.2, 0.4, 0.5], [0, 1, nan, 0.6, 0.0]])
-    monkeypatch.setattr(crowds, "lived", lambda *_, **__: (None, seen))
+    monkeypatch.setattr(crowds, "run_life", lambda *_, **__: (None, seen))
     found = crowds.colony(0.0, 0, 4)
     assert found == pytest.approx({"brood alive": 0, "nurses alive": 1, "brood": 0.2, "nurses": 0.5, "gives": 0.25})
     seen[2:, 2] = nan
@@ -67,7 +67,7 @@ def test_a_colony_is_looked_at_without_its_dead():
     env.reset_arrays(0)
     internal = env.state_view.internal.copy()
     internal[[1, 3], 0] = 0.0  # a nurse and one of the brood
-    env.put(internal=internal)
+    env.set_state(internal=internal)
     env.step_arrays(np.zeros(env.size, np.int64))
     state = env.state_view
     assert np.flatnonzero(~state.alive).tolist() == [1, 3]
@@ -83,7 +83,7 @@ def pool(empty, stock=0.0):
 def test_rows_and_table_of_the_pool():
     """Where every pool is kept and where it is emptied is compared with the closed form; the table has all."""
     done = {f"{n}-seed-{seed}": pool(None, 300.0) for n in (12, 14) for seed in range(3)}
-    done |= {f"{n}-seed-{seed}": pool(round(crowds.emptied_at(n)) + 9 * seed - 9) for n in (18, 20, 24)
+    done |= {f"{n}-seed-{seed}": pool(round(crowds.emptying_time(n)) + 9 * seed - 9) for n in (18, 20, 24)
              for seed in range(3)}  # fmt: skip
     done |= {"16-seed-0": pool(4900), "16-seed-1": pool(None, 60.0), "16-seed-2": pool(None, 60.0)}
     case = all_cases()["commons_learners"]
@@ -126,5 +126,5 @@ def test_tables_are_written_beside_the_certificate(tmp_path, monkeypatch, capsys
             cli.main(["reproduce", "commons_learners", "--out", str(tmp_path)])
         assert ("3 of 3  commons_learners 3-seed-2" in capsys.readouterr().err) == (again == 0)
     assert "| 3 | 3 of 3 | -, -, - | - | 300 |" in (tmp_path / "commons_learners.md").read_text()
-    assert ledger.left(all_cases()["commons_learners"], Ledger(tmp_path)) == []
+    assert part_store.unfinished_parts(all_cases()["commons_learners"], PartStore(tmp_path)) == []
     assert json.loads((tmp_path / "parts/commons_learners/3-seed-0.json").read_text())["value"]["empty"] is None

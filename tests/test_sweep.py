@@ -363,7 +363,7 @@ def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, s
         )  # fmt: skip
     short, long = sweeps.cells_of("world.py", out, seeds=[0], settings={"ticks": [60, 3000000]})
     until = time.monotonic() + PATIENCE
-    while not ((long.folder / "checkpoint").exists() and sweeps.finished(short)) and time.monotonic() < until:
+    while not ((long.folder / "checkpoint").exists() and sweeps.finished_summary(short)) and time.monotonic() < until:
         time.sleep(0.05)
     process.send_signal(signum)
     try:
@@ -381,8 +381,8 @@ def test_a_sweep_that_ends_leaves_nobody_running(sweep: Sweep, tmp_path: Path, s
         assert process.returncode == 130
         assert "the same command resumes" in said
         assert pq.read_table(out / "sweep.parquet")["ticks"].to_pylist() == [60]
-    assert sweeps.finished(short)
-    assert not sweeps.finished(long)
+    assert sweeps.finished_summary(short)
+    assert not sweeps.finished_summary(long)
 
 
 def test_two_processes_in_one_folder_are_kept_apart(sweep: Sweep, quick: list[str]) -> None:

@@ -203,7 +203,7 @@ def test_the_reward_of_a_mouthful_follows_the_tables():
 
     def mouthful(delta_2, delta_4):
         internal = np.array([[1.0, 2.0 + delta_2, 3.0, 4.0 + delta_4, 0.0, 0.0]])
-        env.put(internal=internal, position=np.array([[3.5, 1.5]]))
+        env.set_state(internal=internal, position=np.array([[3.5, 1.5]]))
         return float(env.step_arrays(np.array([eat])).reward[0])
 
     assert mouthful(-1.5, -1.0) > mouthful(-0.5, -1.0) > 0

@@ -23,7 +23,7 @@ from ecology import Arena, Growth, Need, Resource, Scenario, Species, consume, m
 (Path(__file__).parent / "ran").touch()
 
 def rule(world, rng):
-    return world.nothing()
+    return world.no_effect()
 
 def build(ticks=20):
     need = Need(name="food", set_point=2.0, decay=0.01, bounds=(0.0, 4.0))
@@ -253,7 +253,7 @@ def test_own_code_is_run_unasked(ecology: Command) -> None:
     Path("world.py").unlink()
     forget()
     assert ecology("run", "--resume", "run", "--ticks", "40", "--source", "kept", "--quiet") == (0, "")
-    assert {Path(each.path).name for each in trust.noted()} == {"world.py", "beside.py"}
+    assert {Path(each.path).name for each in trust.read_list()} == {"world.py", "beside.py"}
 
 
 def test_a_list_that_cannot_be_kept_stops_nothing(ecology: Command, monkeypatch: pytest.MonkeyPatch) -> None:

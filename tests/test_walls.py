@@ -160,7 +160,7 @@ def test_the_walls_of_commons_hold(n):
     env = ecology.parallel_env(scenarios.load("commons", n=n, walls=True, ticks=10))
     env.reset_arrays(seed=n)
     arena, side = env.scenario.arena, max(math.sqrt(n), 2.0)
-    env.put(position=np.tile([0.4 * side, 0.15 * side], (n, 1)) + 0.01 * np.arange(n)[:, None] / n)
+    env.set_state(position=np.tile([0.4 * side, 0.15 * side], (n, 1)) + 0.01 * np.arange(n)[:, None] / n)
     for way in ("walk_east",) * 20 + ("walk_west",) * 5 + ("walk_east",) * 10:
         before = env.state_view.position.copy()
         env.step_arrays(ask(env, agent=way))
@@ -192,7 +192,7 @@ def test_nobody_sees_through_the_thinnest_wall():
     env = start(Scenario(name="two", arena=with_wall(1e-12), species=(walker,)), position=[[1.5, 1.0], [2.5, 1.0]])
     column = env.groups["agent"].layout.names.index("other_1_distance")
     far = env.groups["agent"].layout.high[column]
-    assert env.put().observations["agent"][:, column] == pytest.approx([far, far])
+    assert env.set_state().observations["agent"][:, column] == pytest.approx([far, far])
 
 
 def test_ways_that_stay_are_those_that_shapely_covers():
@@ -219,7 +219,7 @@ def test_a_way_through_a_wall_breaks_the_contract(monkeypatch):
         return np.clip(position + velocity * dt, [0.1, 0.1], [3.9, 2.9]), 0
 
     walker = kind("agent", *(move(f"go_{k}", 0.3, direction=k * math.pi / 2) for k in range(4)), count=8)
-    for rule in (None, lambda world, rng: world.nothing()):
+    for rule in (None, lambda world, rng: world.no_effect()):
         scenario = Scenario(name="leaky", arena=with_wall(0.02), species=(walker,), rule=rule)
         monkeypatch.setattr(physics.Physics, "move", leaky)
         contract.bodies_stay_inside(scenario, 80)

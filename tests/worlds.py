@@ -76,7 +76,7 @@ def start(scenario: Scenario, seed: int = 0, **fields: Any) -> Ecology:
     env = parallel_env(scenario)
     env.reset_arrays(seed=seed)
     if fields:
-        env.put(**fields)
+        env.set_state(**fields)
     return env
 
 
@@ -90,7 +90,7 @@ def ask(env: Ecology, **wanted: str) -> np.ndarray:
 
 def signal(world: World, rng: np.random.Generator) -> Outcome:
     """Feed the prey that call, tire them of it, move one in ten callers to the west, and strike one in a hundred."""
-    outcome = world.nothing()
+    outcome = world.no_effect()
     rows, calls = world.slots["prey"], world.does("prey", "call")
     outcome.received[rows, world.column("prey", "food")] += 0.05 * world.dt * calls
     outcome.given[rows, world.column("prey", "calm")] += 0.02 * world.dt * calls

@@ -68,7 +68,7 @@ class Execution:
         self.elapsed[slots] += 1
         return self.moves.action[self.movement[slots], self.stage[slots]]
 
-    def passed(self, slots: np.ndarray, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def draw_passed(self, slots: np.ndarray, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Draw a tick on the way of each movement of `slots` (k,) that has just ended, from uniform numbers (k,).
 
         Returns the ticks since the decision (k,), whether the agent had a choice then, and the movement that has the

@@ -329,7 +329,7 @@ class HJB(Learner):
         """Note by how much f was wrong in the movements of `slots` that have just ended."""
         trace, senses = self.trace, self.encoding
         began, movement = self.execution.began[slots], self.execution.movement[slots]
-        expected = self.device.expected(self.weights, slots, began, movement)
+        expected = self.device.expect(self.weights, slots, began, movement)
         met = np.column_stack([observations[slots] - began, self.execution.elapsed[slots] * self.group.dt])
         error = (met - expected).astype(np.float32)
         error[:, senses.angle] = np.remainder(error[:, senses.angle] + np.pi, 2 * np.pi) - np.pi
@@ -357,7 +357,7 @@ class HJB(Learner):
         self.memory.add(slots, way.began[slots], way.movement[slots], after, took, way.was_open[slots])
         if not self.settings.intra_option:
             return
-        passed, some, same = way.passed(slots, self.rng.random(self.size)[slots])
+        passed, some, same = way.draw_passed(slots, self.rng.random(self.size)[slots])
         slots, passed = slots[some], passed[some]
         self.memory.add(
             slots,
@@ -430,7 +430,7 @@ class HJB(Learner):
             | {"memory.count": self.memory.count}
         )
 
-    def _held(self) -> dict[str, Any]:
+    def _arrays(self) -> dict[str, Any]:
         """Return every array that the device holds, by name."""
         found = {name: getattr(self, name) for name in ("target", "cell_centre", "cell_count")}
         found |= {"hope": self.optimism, "marks": self.curiosity.marks, "marked": self.curiosity.marked}
@@ -446,7 +446,7 @@ class HJB(Learner):
         rows = self.device.on(slots)
         used = min(int(self.memory.count[slots].max(initial=0)), self.memory.capacity)
         found = {name: array[slots] for name, array in self._life().items()}
-        for name, array in self._held().items():
+        for name, array in self._arrays().items():
             part = array[rows][:, :used] if name.startswith("memory.") else array[rows]
             found[name] = np.array(self.device.off(part))
         return found
@@ -454,7 +454,7 @@ class HJB(Learner):
     def unpack(self, slots: np.ndarray, packed: Mapping[str, np.ndarray]) -> None:
         """Load agents that another learner with these settings has packed into `slots` (k,)."""
         self.record.forget(slots)
-        held, life, rows = self._held(), self._life(), self.device.on(slots)
+        held, life, rows = self._arrays(), self._life(), self.device.on(slots)
         if packed.keys() != held.keys() | life.keys():
             raise EcologyError("what arrives is of another learner; islands of a migrating species need the same one.")
         for name, array in life.items():
@@ -469,14 +469,14 @@ class HJB(Learner):
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return all that the agents have become: arrays, and plain values that JSON holds."""
         streams = {"rng": self.rng.bit_generator.state, "generator": self.generator.bit_generator.state}
-        held = {name: self.device.off(array) for name, array in self._held().items()}
+        held = {name: self.device.off(array) for name, array in self._arrays().items()}
         return held | self._life(), {**streams, "ticks": self.ticks}
 
     def restore(self, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> None:
         """Become what `state` returned; EcologyError where it does not fit this learner."""
         self.record.clear()
         self.explores[:] = -1
-        held, life = self._held(), self._life()
+        held, life = self._arrays(), self._life()
         low = dict.fromkeys(("movement", "memory.movement", "trace.movement"), -1) | {"left": None}
         below = dict.fromkeys(("movement", "memory.movement", "trace.movement"), self.count)
         below |= {"stage": 2, "left": ARRIVES + 1, "marked": self.curiosity.capacity + 1}

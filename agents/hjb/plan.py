@@ -17,9 +17,9 @@ from torch import Tensor
 
 from ecology.agents.hjb.devices.plain.encoding import drive
 from ecology.agents.hjb.devices.plain.networks import deviations, forecast
-from ecology.agents.hjb.devices.plain.scores import optimistic
+from ecology.agents.hjb.devices.plain.scores import add_optimism
 from ecology.agents.hjb.devices.plain.update import agent_of
-from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, Agent, Encoding, Past
+from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, Agent, Encoding, RecalledErrors
 from ecology.agents.hjb.devices.torch.encoding import on_device
 from ecology.decision import Plan
 
@@ -50,7 +50,7 @@ def best_plan(learner: HJB, slot: int, zeta: np.ndarray, open_: np.ndarray) -> P
     own = agent_of(s, learner.weights, slot, learner.weights.target[slot], learner.weights.optimism[slot])
     memory, now = learner.replay, learner.clock[slot] * np.float32(learner.group.dt)
     trace = (array[slot] for array in learner.trace)
-    past = Past._make((*trace, now, memory.zeta[slot], memory.open[slot], memory.count[slot]))
+    past = RecalledErrors._make((*trace, now, memory.zeta[slot], memory.open[slot], memory.count[slot]))
     first = torch.from_numpy(np.ascontiguousarray(zeta, np.float32))
     with torch.no_grad(), _one_thread():
         best = _search(s, own, past, first, open_)
@@ -68,7 +68,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _search(s: Encoding, own: Agent, past: Past, first: Tensor, open_: np.ndarray) -> Plan:
+def _search(s: Encoding, own: Agent, past: RecalledErrors, first: Tensor, open_: np.ndarray) -> Plan:
     """Return the best plan at `first` (D,), its options by index."""
     zeta = first.numpy()
     nodes = Nodes(first[None], np.zeros(1), np.ones(1), open_[None], np.zeros(1), [()], [(zeta,)])
@@ -82,7 +82,7 @@ def _search(s: Encoding, own: Agent, past: Past, first: Tensor, open_: np.ndarra
     return Plan(tuple(map(str, nodes.ways[at])), np.stack(nodes.states[at]), float(nodes.score[at]))
 
 
-def _expand(s: Encoding, own: Agent, past: Past, nodes: Nodes) -> Nodes:
+def _expand(s: Encoding, own: Agent, past: RecalledErrors, nodes: Nodes) -> Nodes:
     """Return the successors of all nodes with their scores."""
     predicted = forecast(s, own, nodes.state) * s.unit + _recall(s, past, nodes.state)
     row, movement = np.nonzero(nodes.open)
@@ -92,7 +92,7 @@ def _expand(s: Encoding, own: Agent, past: Past, nodes: Nodes) -> Nodes:
     fade = np.exp(float(s.log_gamma) * step[:, -1].clamp(float(s.dt), LONGEST).numpy().astype(float))
     drives = 0.5 * (drive(s, before) + drive(s, after)).numpy()
     cost, keep = nodes.cost[row] + nodes.keep[row] * (1 - fade) * drives, nodes.keep[row] * fade
-    value = optimistic(s, own, after, deviations(s, own, after)).numpy()
+    value = add_optimism(s, own, after, deviations(s, own, after)).numpy()
     return Nodes(
         after,
         cost,
@@ -104,7 +104,7 @@ def _expand(s: Encoding, own: Agent, past: Past, nodes: Nodes) -> Nodes:
     )
 
 
-def _recall(s: Encoding, past: Past, zeta: Tensor) -> Tensor:
+def _recall(s: Encoding, past: RecalledErrors, zeta: Tensor) -> Tensor:
     """Return the errors of f (n, M, D + 1) to be expected at zeta (n, D): see the plain `recall`."""
     count = min(int(past.noted), len(past.movement))
     if not count:
@@ -124,7 +124,7 @@ def _gaps(s: Encoding, zeta: Tensor, where: np.ndarray) -> np.ndarray:
     return np.square(gap).sum(-1)
 
 
-def _nearest(s: Encoding, past: Past, zeta: Tensor) -> np.ndarray:
+def _nearest(s: Encoding, past: RecalledErrors, zeta: Tensor) -> np.ndarray:
     """Return the positions (n,) in the ring of the decisions nearest to zeta (n, D): see the plain `nearest`."""
     count, capacity = int(past.count), len(past.zeta)
     back = np.arange(min(count, capacity, s.searched))

@@ -62,23 +62,23 @@ def _thickness(vertices: Points) -> float:
 def rings_of(arena: Arena) -> list[Floats]:
     """Return the rings (k, 2) of the arena, the outer one first: corners with the arena on the left of every wall."""
     if not arena.holes and not arena.inner_walls:
-        return [_turned(np.array(arena.vertices, dtype=float), left=True)]
+        return [_orient(np.array(arena.vertices, dtype=float), left=True)]
     polygon = polygon_of(arena)
     found = []
     for part in getattr(polygon, "geoms", [polygon]):  # several where closed doors part it
         rings = [np.array(ring.coords)[:-1] for ring in (part.exterior, *part.interiors)]
-        found += [_turned(ring, left=i == 0) for i, ring in enumerate(rings)]
+        found += [_orient(ring, left=i == 0) for i, ring in enumerate(rings)]
     return found
 
 
-def _turned(corners: Floats, left: bool) -> Floats:
+def _orient(corners: Floats, left: bool) -> Floats:
     """Return the corners (W, 2) in the order that goes round to the left, or to the right."""
     x, y = (corners - corners[0]).T
     turns_left = bool((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0)
     return corners if turns_left is left else corners[::-1].copy()
 
 
-def thickened(polygon: Any, width: float, cut: float) -> list[Floats] | None:
+def thicken(polygon: Any, width: float, cut: float) -> list[Floats] | None:
     """Return rings (W, 2) whose edges lie `width` outside the arena's `polygon`, or None.
 
     None where more than `cut` of a wall would be left out, because it is too thin or too pointed.
@@ -186,11 +186,11 @@ def _check_inner(arena: Arena, ring: shapely.Polygon) -> None:
             raise EcologyError(
                 f"arena: walls[{i}] reaches beyond the outer walls, at {_outermost(line, ring)}; end it on a wall."
             )
-    found = cut_off(polygon_of(arena), 0.0)
+    found = unreachable_parts(polygon_of(arena), 0.0)
     if found:
         raise EcologyError(
             f"arena: holes and walls cut it into {len(found) + 1} parts, and no body can leave its part: "
-            f"{_told(found)} cut off. Leave a gap."
+            f"{_describe_parts(found)} cut off. Leave a gap."
         )
 
 
@@ -220,7 +220,7 @@ def _outermost(shape: Any, ring: Any) -> tuple[float, float]:
     return round(farthest.x, 6), round(farthest.y, 6)
 
 
-def cut_off(polygon: Any, radius: float) -> list[Part]:
+def unreachable_parts(polygon: Any, radius: float) -> list[Part]:
     """Return the parts of a polygon that a body of `radius` cannot reach from the largest one, the largest first.
 
     Corners into which the body does not fit are no parts.
@@ -236,7 +236,7 @@ def _middle(part: Any) -> tuple[float, float]:
     return round(point.x, 6), round(point.y, 6)
 
 
-def _told(parts: Sequence[Part]) -> str:
+def _describe_parts(parts: Sequence[Part]) -> str:
     """Return the parts in words."""
     words = [f"an area of {part.area:.3g} around ({part.place[0]:g}, {part.place[1]:g})" for part in parts[:3]]
     more = len(parts) - len(words)
@@ -245,5 +245,5 @@ def _told(parts: Sequence[Part]) -> str:
 
 def split_room(arena: Arena, radius: float) -> str:
     """Return in words what a body of `radius` cannot reach of the arena, "" if it reaches all of it."""
-    found = cut_off(polygon_of(arena), radius)
-    return f"{_told(found)} cut off for a body of radius {radius:g}" if found else ""
+    found = unreachable_parts(polygon_of(arena), radius)
+    return f"{_describe_parts(found)} cut off for a body of radius {radius:g}" if found else ""

@@ -59,7 +59,7 @@ def wrap(angle: Floats) -> Floats:
 
 
 @within
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     """Return an angle of at most three half turns in [-pi, pi)."""
     angle += math.pi
     if angle >= 2 * math.pi:

@@ -65,7 +65,7 @@ notice = Compiling()  # of this process; a command decides where it is said
 
 
 @contextlib.contextmanager
-def announced(*, quiet: bool = False) -> Iterator[None]:
+def announce_compiling(*, quiet: bool = False) -> Iterator[None]:
     """Print lines on stderr while functions are compiled, unless `quiet`."""
     notice.say = _ignore if quiet else Lines(_print_error)
     with event.install_listener("numba:compile", notice):
@@ -83,7 +83,7 @@ def _print_error(words: str) -> None:
 
 
 @contextlib.contextmanager
-def shared(learners: Iterable[Any]) -> Iterator[None]:
+def share_compiling(learners: Iterable[Any]) -> Iterator[None]:
     """Compile the update of the f/J learner in a second process, while this one compiles what the first ticks need.
 
     The first update waits for it. Nothing happens if the update is on disk, if no learner needs it, or if there is one

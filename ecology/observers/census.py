@@ -14,7 +14,7 @@ from ecology.decision import Decision
 from ecology.env import Ecology
 from ecology.ground import plane_of
 from ecology.model import Group
-from ecology.observers.wishes import AGENTS, Click
+from ecology.observers.focus_requests import AGENTS, Click
 from ecology.scenario import Scenario
 from ecology.spec import Species, require
 from ecology.state import CAUSES, Floats, Ints, State
@@ -161,15 +161,15 @@ def stocks(scenario: Scenario, state: State) -> Floats:
     return np.array([t for t, r in zip(total, scenario.resources, strict=True) if np.isfinite(r.stock)])
 
 
-def plotted(scenario: Scenario) -> tuple[str, ...]:
+def plotted_names(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of what is plotted of the world as a whole: the scenario's measures, then its cues."""
     traits = (f"mean {trait.name} of {s.name}" for s in scenario.species for trait in s.traits)
     return (*scenario.measures, *(cue.name for cue in scenario.cues), *traits)
 
 
-def measured(scenario: Scenario, state: State) -> Floats:
+def measure_world(scenario: Scenario, state: State) -> Floats:
     """Return what is plotted of the world as a whole, in the order of `plotted`."""
-    return np.array([*scenario.measured(state), *(() if state.cue is None else state.cue), *_means(scenario, state)])
+    return np.array([*scenario.measure(state), *(() if state.cue is None else state.cue), *_means(scenario, state)])
 
 
 def _means(scenario: Scenario, state: State) -> list[float]:
@@ -225,7 +225,7 @@ class Choice:
 
 
 @dataclass
-class Life:
+class FocusSamples:
     """The data of n samples about the agent in focus; a series breaks where it is NaN."""
 
     tick: Ints  # (n,)
@@ -298,7 +298,7 @@ class Focus:
             self.wanted[species] = serial
         self.first = species
 
-    def clicked(self, env: Ecology, click: Click) -> str | None:
+    def name_clicked(self, env: Ecology, click: Click) -> str | None:
         """Return the name of whom a click means; None where it means no agent, or one that lives no more."""
         state = env.state_view
         for group in self.groups:
@@ -357,7 +357,7 @@ class Focus:
         return f"{species}_{serial}" if serial >= 0 else f"no {species}"
 
 
-class Past:
+class Expectations:
     """What the agent in focus felt at every tick, and what it had expected: J against what then happened."""
 
     def __init__(self) -> None:

@@ -84,11 +84,11 @@ def action_colours(scenario: Scenario, species: Species) -> list[Colour]:
     for i, action in enumerate(species.actions):
         colour = plain.get(action.kind, PALETTE[i % len(PALETTE)])
         colour = food.get(str(action.resource), colour)
-        colours.append(shaded(colour, 0.55) if action.kind == "go_to" else colour)
+        colours.append(darken(colour, 0.55) if action.kind == "go_to" else colour)
     return colours
 
 
-def shaded(colour: Colour, light: float) -> Colour:
+def darken(colour: Colour, light: float) -> Colour:
     """Return `colour` at a share `light` of its brightness."""
     r, g, b = (round(light * part) for part in colour)
     return r, g, b
@@ -152,7 +152,7 @@ def shade(name: str, value: np.ndarray, low: float, high: float) -> np.ndarray:
     return scale(name)[(share * (SHADES - 1)).round().astype(int)]
 
 
-def packed(shade: np.ndarray) -> np.ndarray:
+def pack(shade: np.ndarray) -> np.ndarray:
     """Return opaque colours 0xRRGGBBAA, uint32 (...), of uint8 (..., 3)."""
     r, g, b = (shade[..., i].astype(np.uint32) for i in range(3))
     return (r << 24) | (g << 16) | (b << 8) | np.uint32(255)

@@ -43,7 +43,7 @@ class Control:
         patient: whether the run waits for pages that are behind.
         """
         self._lock, self._woken = threading.Lock(), threading.Event()
-        self._pace = checked_pace(pace)
+        self._pace = check_pace(pace)
         self._paused, self._patient = paused, patient
         self._holding = False  # whether the run was last told to wait because it is paused
         self._steps = 0  # ticks granted to a run that is paused
@@ -64,7 +64,7 @@ class Control:
         if what not in ORDERS:
             raise EcologyError(f"there is no order {what!r}. {nearest(str(what), ORDERS)}")
         if what == "pace":
-            pace = checked_pace(pace)
+            pace = check_pace(pace)
         with self._lock:
             self._holding = False
             if what == "pace":
@@ -188,7 +188,7 @@ class Control:
             }
 
 
-def checked_pace(pace: float | None) -> float | None:
+def check_pace(pace: float | None) -> float | None:
     """Return a pace in ticks per second; EcologyError where it is none."""
     if pace is None:
         return None

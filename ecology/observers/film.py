@@ -35,7 +35,7 @@ def film(
 
     Raises EcologyError, and leaves no file, where it exists or cannot be written.
     """
-    check(target, fps)
+    check_film(target, fps)
     require(bool(frames), "there is no recorded tick in that stretch; give another --from and --to.")
     require(
         len(frames) <= LARGEST,
@@ -56,7 +56,7 @@ def film(
         raise EcologyError(f"the film {str(target)!r} cannot be written: {error}.") from error
 
 
-def check(target: Path, fps: float) -> None:
+def check_film(target: Path, fps: float) -> None:
     """Raise EcologyError unless a film can be written to `target`."""
     require(target.suffix in (".gif", ".mp4"), f"a film is a .gif or an .mp4 file, got {str(target)!r}.")
     require(not os.path.lexists(target), f"the file {str(target)!r} exists; choose another name.")

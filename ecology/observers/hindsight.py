@@ -24,13 +24,13 @@ from ecology import physiology
 from ecology.env import Ecology
 from ecology.ground import ground_of
 from ecology.observers import census, maps, shapes
-from ecology.observers.census import HUNGRIEST, Life, without_functions
+from ecology.observers.census import HUNGRIEST, FocusSamples, without_functions
+from ecology.observers.focus_requests import AGENTS, Click
 from ecology.observers.layout import FORKED, blueprint, life_panels
 from ecology.observers.panels.base import time_columns
 from ecology.observers.readback import chunks, plain, recording_id
 from ecology.observers.scene import DEAD, FEW, Scene
-from ecology.observers.viewer import merged
-from ecology.observers.wishes import AGENTS, Click
+from ecology.observers.viewer import merge_recordings
 from ecology.scenario import Scenario
 from ecology.spec import require
 
@@ -67,11 +67,11 @@ class Hindsight:
             groups=self._groups,
             names={name: f"{name}_{serial[0][0]}" for name, (_, serial) in self._serials.items()},
             first=None,
-            told={name: self._told(name) for name in env.groups},
+            told={name: self._reported_names(name) for name in env.groups},
             mapped={name: any(path.startswith(f"/world/maps/{name}/") for path in there) for name in env.groups},
             decides={name: f"/focus/{name}/decision" in there for name in env.groups},
             coupled=tuple(name for name in env.groups if f"/population/coupling/{name}" in there),
-            measures=census.plotted(scenario),
+            measures=census.plotted_names(scenario),
             grows=env.open_population,
             marks=self._marks(scenario),
             grid=maps.cover(scenario.arena),
@@ -81,7 +81,7 @@ class Hindsight:
             fork=self._fork_name() if f"/{FORKED}/world/walls" in there else "",
             full=len(drives[0]) > 0,
             few=few,
-            lived_until=self._lived_until(),
+            lived_until=self._find_last_tick(),
             has_props=any(path.startswith("/world/props/") for path in there),
         )
 
@@ -102,18 +102,18 @@ class Hindsight:
             return f"Nobody was there {when}: click a body, or press f and write a name."
         return self.layer(name, None if click.tick is None else round(click.tick)) if self._scene.crowd else None
 
-    def named(self, word: str) -> bytes | None:
+    def layer_named(self, word: str) -> bytes | None:
         """Return the layer of an agent by name; EcologyError for one that the recording does not hold."""
         return self.layer(word)
 
-    def shown(self, word: str | None, target: Path) -> Path:
+    def write_view(self, word: str | None, target: Path) -> Path:
         """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
         with tempfile.TemporaryDirectory() as folder:
             bare, layer = Path(folder) / "bare.rrd", Path(folder) / "layer.rrd"
             stream = RrdReader(str(self._path)).stream()
             stream.write_rrd(str(bare), application_id=self._scene.application, recording_id=self._identity)
             layer.write_bytes(self.layer(word))
-            return merged([bare, layer], target)
+            return merge_recordings([bare, layer], target)
 
     def layer(self, word: str | None = None, tick: int | None = None) -> bytes:
         """Return the layer, a recording, that shows an agent by name, or first the focus of a species.
@@ -190,7 +190,7 @@ class Hindsight:
             known, means = self._column("/population/drive", "Scalars:scalars")
             i = 3 * list(self._groups).index(name)
             mean = np.array([dict(zip(known, means[:, i], strict=True)).get(tick, np.nan) for tick in ticks[row]])
-        life = Life(
+        life = FocusSamples(
             tick=ticks[row],
             time=ticks[row] * scene.scenario.dt,
             internal=x,
@@ -209,10 +209,12 @@ class Hindsight:
             panel.open(rec)
             panel.draw_life(rec, life)
         if scene.decides[name] and lives.any():
-            self._decided(rec, name, who, ticks[row[lives]], tick)
+            self._write_decisions(rec, name, who, ticks[row[lives]], tick)
         return int(ticks[row[lives]][-1] if lives.any() else ticks[row[0]])
 
-    def _decided(self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray, tick: int | None) -> None:
+    def _write_decisions(
+        self, rec: rr.RecordingStream, name: str, who: str, ticks: np.ndarray, tick: int | None
+    ) -> None:
         """Write what the agent weighed where it was in focus, and elsewhere that it was not."""
         known, texts = self._column(f"/minds/{who}/decision", "TextDocument:text")
         every = len(known) > 0  # where there were few, everybody's decisions are recorded, when they were made
@@ -243,9 +245,9 @@ class Hindsight:
         for chunk in chunks(self._path, content="/world/legend/**", components="Points2D:labels", is_static=True):
             words.update(chunk.to_record_batch().column("Points2D:labels").to_pylist()[-1] or ())
         there = {kind for kind, word in shapes.KINDS.items() if word in words}
-        return tuple(kind for kind in shapes.KINDS if kind in there | set(shapes.marked(scenario)))
+        return tuple(kind for kind in shapes.KINDS if kind in there | set(shapes.mark_kinds(scenario)))
 
-    def _lived_until(self) -> int | None:
+    def _find_last_tick(self) -> int | None:
         """Return the last recorded tick at which anybody lived; None where somebody does at the end."""
         last, end = -1, 0
         for name in self._groups:
@@ -264,7 +266,7 @@ class Hindsight:
         texts = self._column("/futures/text", "TextDocument:text")[1]
         return str(texts[0][0]).partition("**")[2].partition("**")[0] if len(texts) else "the fork"
 
-    def _told(self, name: str) -> tuple[str, ...]:
+    def _reported_names(self, name: str) -> tuple[str, ...]:
         """Return the numbers that a species' mind reported, by name."""
         found: list[str] = []
         for part in ("losses", "numbers"):

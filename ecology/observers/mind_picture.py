@@ -43,7 +43,9 @@ class MindPicture:
         self._needs.set_xlim(min(0.0, float(np.nanmin(np.append(who.needs, 0.0)))), 1.05 * max(*highest, 1e-9, 0.0))
         lives = bool(np.isfinite(who.place).all())
         self._needs.set_title(who.name if lives else f"{who.name} does not live", fontsize=10)
-        points = self._decision.bbox.width * 72 / self._decision.get_figure().dpi
+        figure = self._decision.get_figure(root=True)
+        assert figure is not None
+        points = self._decision.bbox.width * 72 / figure.dpi
         text = _plain(who.decision, int(points / (WIDTH * LETTER)))
         self._decision.text(0, 1, text, family="monospace", fontsize=LETTER, va="top")
 

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from ecology.ground.outline import drawn_lines
 from ecology.observers import colours
 from ecology.observers.recording_file import RecordingFile
-from ecology.observers.viewer import joined
+from ecology.observers.viewer import join_recordings
 from ecology.scenario import Scenario
 from ecology.state import Floats
 
@@ -42,9 +42,9 @@ class Overview:
         self._highest = max(colours.highest_drive(world) for world in {id(w): w for w in worlds}.values())
         application, identity, layout = "ecology-archipelago-" + re.sub(r"[^A-Za-z0-9_-]", "_", name), None, True
         if after is not None and path.exists():
-            from ecology.observers.readback import continued
+            from ecology.observers.readback import prepare_to_resume
 
-            self._target, identity, layout = continued(path, after, application)
+            self._target, identity, layout = prepare_to_resume(path, after, application)
         self._rec = rr.RecordingStream(application, recording_id=identity)
         self._file = RecordingFile(self._target, self._rec)
         if layout:
@@ -52,7 +52,7 @@ class Overview:
         self._open()
 
     def _open(self) -> None:
-        lines = [self._placed(i, line) for i, world in enumerate(self._worlds) for line in drawn_lines(world.arena)]
+        lines = [self._place(i, line) for i, world in enumerate(self._worlds) for line in drawn_lines(world.arena)]
         self._rec.log("world/arenas", rr.LineStrips2D(lines, colors=[INK], radii=rr.Radius.ui_points(0.7)), static=True)
         if len(self._worlds) <= LABELLED:
             places = [self._corner(i) - (0.0, 0.07) for i in range(len(self._worlds))]
@@ -99,7 +99,7 @@ class Overview:
     def _corner(self, island: int) -> Floats:
         return np.array([island % self._across, island // self._across]) * PITCH
 
-    def _placed(self, island: int, points: Floats) -> Floats:
+    def _place(self, island: int, points: Floats) -> Floats:
         """Return where points (k, 2) of an island's arena are in the picture; y upwards there, downwards here."""
         (left, bottom), (right, top) = self._worlds[island].arena.extent
         side = max(right - left, top - bottom)
@@ -116,7 +116,7 @@ class Overview:
         self._rec.set_time("tick", sequence=tick)
         for i, name in enumerate(self._species):
             there = [(j, place[name]) for j, place in enumerate(places) if len(place.get(name, ()))]
-            at = [self._placed(j, place[:, :2]) for j, place in there]
+            at = [self._place(j, place[:, :2]) for j, place in there]
             shade = [colours.shade("inferno", place[:, 2], 0.0, self._highest) for _, place in there]
             edge = [] if len(self._species) == 1 else [colours.species_colour(i)]
             self._rec.log(
@@ -137,7 +137,7 @@ class Overview:
                 self._rec.log(f"drive/mean/{name}", rr.Scalars(float(known.mean())))
         self._rec.log("world/went", rr.Clear(recursive=False))
 
-    def passed(self, tick: int, origin: np.ndarray, to: np.ndarray, refused: int) -> None:
+    def show_migrants(self, tick: int, origin: np.ndarray, to: np.ndarray, refused: int) -> None:
         """Show the migrants, with islands `origin` (m,) and `to` (m,), and the number that found no room."""
         self._rec.set_time("tick", sequence=tick)
         ways, count = np.unique(np.column_stack([origin, to]), axis=0, return_counts=True)
@@ -153,7 +153,7 @@ class Overview:
         self._rec.log("passed/migrated", rr.Scalars(float(len(origin))))
         self._rec.log("passed/refused", rr.Scalars(float(refused)))
 
-    def bred(self, tick: int, traits: Mapping[str, Mapping[str, float]]) -> None:
+    def show_generation(self, tick: int, traits: Mapping[str, Mapping[str, float]]) -> None:
         """Show the mean and the spread of every trait of a generation that has ended."""
         self._rec.set_time("tick", sequence=tick)
         for name, told in traits.items():
@@ -171,4 +171,4 @@ class Overview:
         finally:
             self._file.close()
         parts = [self._path] if self._target == self._path else [self._path, self._target]
-        joined(parts, self._path)
+        join_recordings(parts, self._path)

@@ -42,8 +42,8 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from ecology.errors import EcologyError
+from ecology.observers.focus_requests import AGENTS, Click
 from ecology.observers.viewer import LOOPBACK, WEB_PORT, free_port, viewer_process
-from ecology.observers.wishes import AGENTS, Click
 from ecology.verbs import USAGES
 
 HTML = Path(__file__).with_name("page.html")

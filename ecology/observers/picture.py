@@ -29,7 +29,7 @@ SIZE, DPI = (800, 600), 100  # pixels, and pixels per inch
 SHADES = {"born": "black", "died": "black", "bit": "#d55e00", "gave": "#009e73"}  # of marks
 
 
-def draw(scenario: Scenario, state: State) -> np.ndarray:
+def draw_picture(scenario: Scenario, state: State) -> np.ndarray:
     """Return the world as one picture, uint8 (600, 800, 3): see `Picture`."""
     return Picture(scenario).draw(frame(scenario, state))
 
@@ -266,7 +266,7 @@ class Picture:
         signs: dict[str, Any] = {"born": {"marker": "o", "ls": "", "mfc": "none"}, "died": {"marker": "x", "ls": ""}}
         found += [  # bites and gifts are lines
             Line2D([], [], color=SHADES[kind], label=shapes.KINDS[kind], **signs.get(kind, {}))
-            for kind in shapes.marked(scenario)
+            for kind in shapes.mark_kinds(scenario)
         ]
         return found
 

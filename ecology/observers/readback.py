@@ -17,12 +17,12 @@ from ecology.observers import census, colours
 from ecology.observers.frame import Followed, Frame
 from ecology.observers.recording_file import cut
 from ecology.observers.scene import MARKED, STEPS
-from ecology.observers.viewer import complete, joined, resumed, stretches, whole
+from ecology.observers.viewer import is_complete, join_recordings, open_recording, recording_parts, resumed_path
 from ecology.scenario import Scenario
 from ecology.spec import Species, require
 
 
-def stored(path: Path) -> bool:
+def holds_recording(path: Path) -> bool:
     """Return whether a file, closed, holds a recording: its layout alone is none."""
     try:
         return bool(RrdReader(str(path)).recordings())
@@ -63,21 +63,21 @@ def span(path: Path) -> tuple[int, int]:
     return int(first), int(last)
 
 
-def continued(path: Path, tick: int, application: str) -> tuple[Path, str, bool]:
+def prepare_to_resume(path: Path, tick: int, application: str) -> tuple[Path, str, bool]:
     """Make the recording at `path` ready to continue after `tick`: what was recorded later is left out.
 
     Returns where the rest is written, the recording's identity, and whether it has no layout and needs one.
     """
-    target = resumed(path)
-    if target.exists() or not whole(path):  # the run was killed
-        joined(stretches(path), path)
+    target = resumed_path(path)
+    if target.exists() or not is_complete(path):  # the run was killed
+        join_recordings(recording_parts(path), path)
     identity = recording_id(path)
     return target, identity, cut(path, tick, application, identity)
 
 
 def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: str | None = None) -> list[Frame]:
     """Add to the frames of a run the needs and the decision of the agent `who`, or of the first living agent."""
-    with complete(run) as source:
+    with open_recording(run) as source:
         entities = {s.name: f"/world/agents/{s.name}" for s in scenario.species if s.slots}
         serials = {name: column(source, entity, "serial") for name, entity in entities.items()}
         species, serial = _meant(scenario, serials, frames, who)
@@ -129,7 +129,7 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
     """
     from ecology.observers.film import FRAMES  # slow to load
 
-    with complete(run) as source:
+    with open_recording(run) as source:
         groups: list[tuple[slice, dict[int, Any], dict[int, Any], dict[int, Any]]] = []
         start = 0
         for species in scenario.species:

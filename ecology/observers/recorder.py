@@ -111,7 +111,7 @@ class Recorder:
         kept = sources(self._path)
         if not kept:
             return
-        self._joined(kept, until=tick)
+        self._join_parts(kept, until=tick)
         self._parts.mkdir(parents=True)
         self._path.replace(self._parts / "part-000000.parquet")
 
@@ -142,7 +142,7 @@ class Recorder:
         if state.load is not None:
             for k in self._hauled:
                 rows[LOAD + self._scenario.resources[k].name] = state.load[slots, k]
-        for name, measured in zip(self._scenario.measures, self._scenario.measured(state), strict=True):
+        for name, measured in zip(self._scenario.measures, self._scenario.measure(state), strict=True):
             rows[MEASURE + name] = np.full(len(slots), measured)
         for cue, value in zip(self._scenario.cues, () if state.cue is None else state.cue, strict=True):
             rows[CUE + cue.name] = np.full(len(slots), value)
@@ -178,11 +178,11 @@ class Recorder:
         self._write()
         parts = sources(self._path)
         if parts:
-            self._joined(parts)
+            self._join_parts(parts)
         else:
             shutil.rmtree(self._parts, ignore_errors=True)
 
-    def _joined(self, parts: Iterable[Path], until: int | None = None) -> None:
+    def _join_parts(self, parts: Iterable[Path], until: int | None = None) -> None:
         """Put the rows of `parts` (up to the tick `until`) in the one file, and remove the folder."""
         joined = self._parts.with_suffix(".joined")
         try:
@@ -289,14 +289,14 @@ def read(path: Path | str) -> pa.Table:
     require(bool(found), f"there are no metrics at {str(path)!r}; give the metrics.parquet of a run.")
     tables = []
     for part in found:
-        with _intact(part):
+        with _explain_damage(part):
             tables.append(pq.read_table(part))
-    with _matching(found):
+    with _explain_mismatch(found):
         return pa.concat_tables(tables, promote_options="default")
 
 
 @contextlib.contextmanager
-def _intact(file: Path) -> Iterator[None]:
+def _explain_damage(file: Path) -> Iterator[None]:
     """Turn what the parquet reader raises of one file into an EcologyError that says whether it is damaged."""
     try:
         with readable("the metrics file", file):
@@ -311,7 +311,7 @@ def _intact(file: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _matching(files: Iterable[Path]) -> Iterator[None]:
+def _explain_mismatch(files: Iterable[Path]) -> Iterator[None]:
     """Turn what Arrow raises of files of different kinds into an EcologyError."""
     try:
         yield
@@ -339,11 +339,11 @@ def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None
     """Write the rows of `parts` (up to the tick `until`) to `target`, in row groups of `ROWS`."""
     parts, schemas = list(parts), []
     for part in parts:
-        with _intact(part):
+        with _explain_damage(part):
             schemas.append(pq.read_schema(part).remove_metadata())
-    with _matching(parts):
+    with _explain_mismatch(parts):
         schema = pa.unify_schemas(schemas)
-    with _matching(parts), pq.ParquetWriter(target, schema, compression="zstd") as writer:
+    with _explain_mismatch(parts), pq.ParquetWriter(target, schema, compression="zstd") as writer:
         waiting = schema.empty_table()
         for batch in _batches(parts):
             table = pa.Table.from_batches([batch])
@@ -359,6 +359,6 @@ def _join(parts: Iterable[Path], target: Path, until: int | None = None) -> None
 
 def _batches(parts: Iterable[Path]) -> Iterator[pa.RecordBatch]:
     for part in parts:
-        with _intact(part), pq.ParquetFile(part) as file:
+        with _explain_damage(part), pq.ParquetFile(part) as file:
             if file.num_row_groups:  # a run that was stopped before its first sample has left none
                 yield from file.iter_batches(ROWS)

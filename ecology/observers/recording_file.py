@@ -17,7 +17,7 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
 from ecology.errors import EcologyError
-from ecology.observers.viewer import unfinished
+from ecology.observers.viewer import unfinished_path
 
 PATIENCE = 60.0  # seconds granted to the stream to make its bytes
 HEADER, FRAME, END = 12, struct.Struct("<QQ"), 0  # of Rerun's format: bytes, kind and length of a message, the last
@@ -74,7 +74,7 @@ def cut(path: Path, tick: int, application: str, identity: str) -> bool:
     """Leave out of a recording what is later than `tick`, and with it its layout; return whether there was anything."""
     later = any(_last(chunk) > tick for chunk in RrdReader(str(path)).stream())
     if later:
-        beside = unfinished(path)
+        beside = unfinished_path(path)
         beside.unlink(missing_ok=True)
         stream = RrdReader(str(path)).stream().flat_map(lambda chunk: list(_until(chunk, tick)))
         stream.write_rrd(str(beside), application_id=application, recording_id=identity)

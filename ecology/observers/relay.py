@@ -132,7 +132,7 @@ class Relay:
             log.warning("the viewer at %s %s. The run continues.", self._url, what)
 
 
-def _relayed(how: str, address: str) -> int:
+def _relay(how: str, address: str) -> int:
     """Draw what comes in over stdin (from `Relay`, of the same program) for viewers."""
     source = sys.stdin.buffer
     drawing: Drawing | None = None
@@ -173,4 +173,4 @@ def _say(what: bytes) -> None:
 
 if __name__ == "__main__":
     # the process leaves at once: what a viewer that hangs has not taken must not keep it
-    os._exit(_relayed(*sys.argv[1:3]))
+    os._exit(_relay(*sys.argv[1:3]))

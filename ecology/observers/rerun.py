@@ -25,25 +25,25 @@ from ecology.observers import relay
 from ecology.observers.base import Mind, Observer
 from ecology.observers.control import Control
 from ecology.observers.drawing import Drawing, open_scene
+from ecology.observers.focus_requests import FocusRequests
 from ecology.observers.layout import FORK, blueprint
 from ecology.observers.panels.base import Watch
 from ecology.observers.panels.decision import headline
 from ecology.observers.panels.futures import Futures
-from ecology.observers.readback import continued
+from ecology.observers.readback import prepare_to_resume
 from ecology.observers.recording_file import RecordingFile
 from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
 from ecology.observers.viewer import (
     LOOPBACK,
     SERVE_PORT,
-    checked_url,
+    check_url,
     free_port,
-    joined,
+    join_recordings,
     preferred_port,
-    stretches,
-    unfinished,
+    recording_parts,
+    unfinished_path,
 )
-from ecology.observers.wishes import Wishes
 from ecology.spec import require
 from ecology.state import State
 from ecology.world import Tick
@@ -71,7 +71,7 @@ class Recorded:
     name: str | None = None  # the scenario's without
     resume: bool = False  # continue the file
     before: tuple[Sequence[int], Sequence[int]] | None = None  # births and deaths so far, by species
-    wishes: Wishes | None = None  # for another focus
+    requests: FocusRequests | None = None  # for another focus
     # of its pace, if anyone may set it: is told of decisions and of what was sent. Where it slows the run down, more
     # ticks are sampled, so that every picture is current
     control: Control | None = None
@@ -116,7 +116,7 @@ class RerunObserver:
         )
         self._path = Path(path) if path is not None else None
         self._how, self._run, self._asked = Sampling(run.name or "", every, maps_every, detail), run, tuple(focus)
-        self._wishes, self._control = run.wishes or Wishes(), run.control
+        self._requests, self._control = run.requests or FocusRequests(), run.control
         require(
             self._path is None or run.resume or not self._path.exists(),
             f"there is a recording at {str(path)!r} already; choose another folder, or resume that run.",
@@ -124,7 +124,7 @@ class RerunObserver:
         self._host, port = viewers.serve or (LOOPBACK, 0)
         self._port = free_port(self._host, port) if viewers.serve and port is not None else 0
         self._usual = port is None  # whether the port is chosen when the run starts
-        self._connect = checked_url(viewers.connect) if viewers.connect else None
+        self._connect = check_url(viewers.connect) if viewers.connect else None
         self._relays: list[relay.Relay] = []
         self._rec: rr.RecordingStream | None = None
         self._ended = True  # until it begins
@@ -189,7 +189,7 @@ class RerunObserver:
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Take a sampled tick, and send what has gathered now and then."""
         sampled = state.tick % self._how.every == 0 or self._is_slow()
-        turned = sampled and self._heed(state)
+        turned = sampled and self._serve_requests(state)
         look = self._sampler.watch(state, tick, sampled=sampled, turned=turned)
         if self._control and self._sampler.has_decided(state):
             self._control.decided()
@@ -229,7 +229,7 @@ class RerunObserver:
     def held(self) -> None:
         """Show the world as it stands while the run waits."""
         state = self._env.state_view
-        turned = self._heed(state)
+        turned = self._serve_requests(state)
         fresh = self._side is not None and self._side.is_fresh
         told = state.tick == self._shown and state.tick == self._sampler.closest
         if told and not (turned or fresh or self._sampler.deeds):
@@ -246,13 +246,13 @@ class RerunObserver:
         """Return whether a picture is due before the next sample of the recording."""
         return self._control is not None and time.monotonic() - self._since > 2 * SECONDS_LIVE
 
-    def _heed(self, state: State) -> bool:
-        """Turn to those whom somebody wishes to see, where they live; say whether there were any."""
+    def _serve_requests(self, state: State) -> bool:
+        """Turn to those whom somebody requests to see, where they live; say whether there were any."""
         focus = self._sampler.focus
-        names = [name for click in self._wishes.clicks() if (name := focus.clicked(self._env, click))]
+        names = [name for click in self._requests.clicks() if (name := focus.name_clicked(self._env, click))]
         for name in names:
             self._turn(name)
-        for asked, answer in self._wishes.words():
+        for asked, answer in self._requests.words():
             why = self._turn(asked)
             answer(f"{asked} is in focus from tick {state.tick} on" if why is None else why, why is None)
             names += [asked] * (why is None)
@@ -280,13 +280,13 @@ class RerunObserver:
         first = self._sampler.shown_first
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
         how = self._how._replace(run=name)
-        self._side = Side(how, tuple(asked), self._opened, watched=self._is_watched)
+        self._side = Side(how, tuple(asked), self._open_fork, watched=self._is_watched)
         self._scene.fork = name
         self._futures = Futures(self._scene)
         self._futures.begin(self._env.state_view.tick, change)
         return self._side
 
-    def _opened(self, scene: Scene) -> None:
+    def _open_fork(self, scene: Scene) -> None:
         """Begin to draw the other future."""
         self._show("open_fork", scene)
         self._lay_out()
@@ -317,7 +317,7 @@ class RerunObserver:
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
             if len(parts) > 1 or self._path.stat().st_size <= TIDY:
-                joined(parts, self._path)
+                join_recordings(parts, self._path)
 
     def _open(self, tick: int) -> bool:
         """Open the file, if there is one, and draw the first screen there; return whether it continues a recording.
@@ -327,12 +327,12 @@ class RerunObserver:
         if self._path is None:
             return False
         self._target, identity, layout = self._path, None, True
-        unfinished(self._path).unlink(missing_ok=True)
+        unfinished_path(self._path).unlink(missing_ok=True)
         if self._run.resume and (tick == 0 or not (self._path.exists() and self._path.stat().st_size)):
-            for part in stretches(self._path):  # the run was killed before its first checkpoint: it begins anew
+            for part in recording_parts(self._path):  # the run was killed before its first checkpoint: it begins anew
                 part.unlink()
         if self._run.resume and self._path.exists():
-            self._target, identity, layout = continued(self._path, tick, self._scene.application)
+            self._target, identity, layout = prepare_to_resume(self._path, tick, self._scene.application)
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
         self._file = RecordingFile(self._target, self._rec)
@@ -387,13 +387,13 @@ class Side(Observer):
 
         watched: whether a viewer is attached.
         """
-        self._how, self._asked, self._opened, self._watched, self.is_fresh = how, asked, opened, watched, True
+        self._how, self._asked, self._open_fork, self._watched, self.is_fresh = how, asked, opened, watched, True
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Start to follow the fork."""
         self._env = env
         self.sampler = Sampler(env, minds, FORK, asked=self._asked, how=self._how, watched=self._watched)
-        self._opened(self.sampler.scene)
+        self._open_fork(self.sampler.scene)
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Look at a tick."""

@@ -86,9 +86,9 @@ class Sampler:
             mapped={name: mapped and self._has_maps(group, grid) for name, group in groups.items()},
             decides={name: bool(groups[name].size) and minds[name].decides for name in groups},
             coupled=tuple(name for name in groups if env.coupling(name) is not None),
-            measures=census.plotted(scenario),
+            measures=census.plotted_names(scenario),
             grows=env.open_population,
-            marks=tuple(shapes.marked(scenario)),
+            marks=tuple(shapes.mark_kinds(scenario)),
             grid=grid,
             run=how.run,
             every=how.every,
@@ -218,7 +218,7 @@ class Sampler:
         shown: dict[str, Any] = {"slot": slot, "name": self.focus.name(name), "anew": name in self._changed}
         if slot < 0:
             return shown
-        seen = np.concatenate([state.resource_position[state.seen[slot]], state.position[self._env.sighted(slot)]])
+        seen = np.concatenate([state.resource_position[state.seen[slot]], state.position[self._env.find_visible(slot)]])
         gap = plane_of(self.scene.scenario.arena).gap(state.position[slot], seen)
         shown["sight"] = state.position[slot] + gap
         shown["field"] = shapes.view_field(species, state.position[slot], float(state.heading[slot]), self._ground)

@@ -13,7 +13,7 @@ from rerun.experimental import ViewerClient
 
 from ecology.errors import EcologyError, check_writable
 from ecology.observers.readback import span
-from ecology.observers.viewer import LOOPBACK, complete, free_port, viewer_process
+from ecology.observers.viewer import LOOPBACK, free_port, open_recording, viewer_process
 from ecology.spec import require
 
 ATTEMPTS = 60  # to reach a viewer that was started, half a second apart
@@ -36,7 +36,7 @@ def screenshot(
     require(not os.path.lexists(target), f"the file {str(target)!r} exists; choose another name.")
     require(target.parent.is_dir(), f"there is no folder {str(target.parent)!r} for the screenshot; make it first.")
     check_writable(target.parent)
-    with complete(run) as source, tempfile.TemporaryDirectory() as folder:
+    with open_recording(run) as source, tempfile.TemporaryDirectory() as folder:
         if tick is not None:
             first, last = span(source)
             require(

@@ -76,7 +76,7 @@ def mark(kind: str, place: Floats, other: Floats, wide: float) -> list[Floats]:
     return [np.stack(ends) for ends in zip(place, other, strict=True)]
 
 
-def marked(scenario: Scenario) -> list[str]:
+def mark_kinds(scenario: Scenario) -> list[str]:
     """Return the kinds of marks that can come up."""
     species = scenario.species
     kinds = {action.kind for s in species for action in s.actions}

@@ -33,23 +33,25 @@ def view(run: Path | str) -> None:
     no recording, it is not one, or no viewer can be opened.
     """
     needs_display(f"copy {str(recording_of(Path(run)))!r} to a machine with a screen and open it there, or use --serve")
-    with complete(run) as source:
+    with open_recording(run) as source:
         with viewer_process(str(source), "--port", "auto", errors=subprocess.PIPE) as process:
             try:
                 said = (process.communicate()[1] or b"").decode(errors="replace").strip()
             except KeyboardInterrupt:
                 return
-        _started(process.returncode, said)
+        _check_exit(process.returncode, said)
 
 
 @contextlib.contextmanager
-def complete(run: Path | str) -> Iterator[Path]:
+def open_recording(run: Path | str) -> Iterator[Path]:
     """Give the recording of a run (its folder or the file) as one whole file, a copy where it was cut short."""
     path = recording_of(Path(run))
     with tempfile.TemporaryDirectory() as folder:
-        one = whole(path) and not resumed(path).exists()
-        require(not one or _stored(path), _unreadable(path))  # of a file that holds nothing a viewer shows its own page
-        yield path if one else mended(path, Path(folder) / RECORDING)
+        one = is_complete(path) and not resumed_path(path).exists()
+        require(
+            not one or _holds_recording(path), _describe_damage(path)
+        )  # of a file that holds nothing a viewer shows its own page
+        yield path if one else repair_recording(path, Path(folder) / RECORDING)
 
 
 def attach(url: str) -> subprocess.Popen[bytes]:
@@ -70,48 +72,48 @@ def recording_of(run: Path) -> Path:
     return path
 
 
-def whole(path: Path) -> bool:
+def is_complete(path: Path) -> bool:
     """Return whether the recording was closed: whether it ends with its footer."""
     with path.open("rb") as file:
         file.seek(-min(64, path.stat().st_size), os.SEEK_END)
         return b"RRF2FOOT" in file.read()
 
 
-def resumed(path: Path) -> Path:
+def resumed_path(path: Path) -> Path:
     """Return where a resumed run records until it ends and the stretches are joined."""
     return path.with_suffix(".resumed.rrd")
 
 
-def unfinished(path: Path) -> Path:
+def unfinished_path(path: Path) -> Path:
     """Return where a recording is put in order, beside the one that it takes the place of."""
     return path.with_suffix(".unfinished.rrd")
 
 
-def stretches(path: Path) -> list[Path]:
+def recording_parts(path: Path) -> list[Path]:
     """Return the files that hold the recording at `path`: more than one while a run is resumed."""
-    return [part for part in (path, resumed(path)) if part.exists()]
+    return [part for part in (path, resumed_path(path)) if part.exists()]
 
 
-def joined(parts: Sequence[Path], target: Path) -> bool:
+def join_recordings(parts: Sequence[Path], target: Path) -> bool:
     """Join recordings into `target`, in few large chunks; say whether it worked, nothing lost if not."""
-    good = _tidied(parts, target)
+    good = _tidy(parts, target)
     for part in parts if good else ():
         if part != target:
             part.unlink()
     return good
 
 
-def mended(path: Path, target: Path) -> Path:
+def repair_recording(path: Path, target: Path) -> Path:
     """Return a copy, at `target`, of a recording that was cut short, as far as it goes."""
-    _check_room(stretches(path), target)
-    require(_tidied(stretches(path), target), _unreadable(path))
+    _check_room(recording_parts(path), target)
+    require(_tidy(recording_parts(path), target), _describe_damage(path))
     return target
 
 
-def merged(parts: Sequence[Path], target: Path) -> Path:
+def merge_recordings(parts: Sequence[Path], target: Path) -> Path:
     """Write recordings of one identity as one to the new file `target`."""
     _check_room(parts, target)
-    require(_tidied(parts, target, "merge"), f"the recording {str(parts[0])!r} cannot be read; record the run again.")
+    require(_tidy(parts, target, "merge"), f"the recording {str(parts[0])!r} cannot be read; record the run again.")
     return target
 
 
@@ -137,7 +139,7 @@ def preferred_port(host: str, port: int) -> int:
         return free_port(host, 0)
 
 
-def checked_url(url: str) -> str:
+def check_url(url: str) -> str:
     """Return `url` if it can be a viewer's address."""
     parts = urllib.parse.urlsplit(url)
     require(
@@ -169,7 +171,7 @@ def _start(*arguments: str, errors: int = subprocess.DEVNULL, own_session: bool 
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=errors,
-        env=_quiet(),
+        env=_quiet_environment(),
         start_new_session=own_session,
     )
 
@@ -183,7 +185,7 @@ def _viewer() -> list[str]:
     raise EcologyError("the Rerun viewer is not installed; install rerun-sdk, which brings it.")
 
 
-def _quiet() -> dict[str, str]:
+def _quiet_environment() -> dict[str, str]:
     return {**os.environ, "RUST_LOG": "error"}
 
 
@@ -196,21 +198,21 @@ def needs_display(instead: str) -> None:
     )
 
 
-def _started(code: int, said: str) -> None:
+def _check_exit(code: int, said: str) -> None:
     require(
         code <= 0,
         f"the viewer stopped with the code {code}: {said.splitlines()[-1] if said else 'it said nothing'}",
     )
 
 
-def _stored(path: Path) -> bool:
+def _holds_recording(path: Path) -> bool:
     """Return whether a file, closed, holds a recording."""
-    from ecology.observers.readback import stored  # slow to load
+    from ecology.observers.readback import holds_recording  # slow to load
 
-    return stored(path)
+    return holds_recording(path)
 
 
-def _unreadable(path: Path) -> str:
+def _describe_damage(path: Path) -> str:
     return f"the recording {str(path)!r} is damaged and nothing of it can be read; record the run again."
 
 
@@ -224,15 +226,15 @@ def _check_room(parts: Sequence[Path], target: Path) -> None:
     )
 
 
-def _tidied(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
+def _tidy(parts: Sequence[Path], target: Path, how: str = "optimize") -> bool:
     """Write what can be read of `parts` to `target`, optimised in few large chunks; say whether that was anything."""
-    beside = unfinished(target)
+    beside = unfinished_path(target)
     command = [*_viewer(), "rrd", how, *map(str, parts), "-o", str(beside)]
     try:
         beside.unlink(missing_ok=True)  # not through a link
         patience = TIDYING + sum(part.stat().st_size for part in parts) / PACE
-        done = subprocess.run(command, check=False, capture_output=True, timeout=patience, env=_quiet())
-        good = done.returncode == 0 and beside.stat().st_size > 0 and whole(beside) and _stored(beside)
+        done = subprocess.run(command, check=False, capture_output=True, timeout=patience, env=_quiet_environment())
+        good = done.returncode == 0 and beside.stat().st_size > 0 and is_complete(beside) and _holds_recording(beside)
     except (OSError, subprocess.TimeoutExpired):
         good = False
     if good:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ecology.model import Model
-    from ecology.sight import Eyes
+    from ecology.sight import Vision
 
 Kind = Literal["deviation", "felt", "position", "angle", "plain"]
 
@@ -54,7 +54,7 @@ class Perception(NamedTuple):
     pairs: Pairs | None  # of bodies near each other; None where nobody senses or meets another
     targets: Mapping[str, Ints]  # by species (n, A), slot that a bite or gift would meet, -1 without
     masks: Mapping[str, Bools]  # by species (n, A), A_zeta
-    eyes: Eyes  # as they are now
+    vision: Vision  # as they are now
 
 
 class Sense:

@@ -37,17 +37,17 @@ def compile_faults(faults: Sequence[Fault], components: Sequence[Component]) -> 
     )
 
 
-def draw(model: Model, state: State, rng: np.random.Generator) -> None:
+def draw_faults(model: Model, state: State, rng: np.random.Generator) -> None:
     """Draw the noise of a tick, and which senses fail or work again."""
     assert state.failed is not None
     shape = state.failed.shape
     state.misread, drawn = rng.standard_normal(shape), rng.random(shape)
     change = np.zeros(shape)
-    for gaze in model.gazes:
-        for one in gaze.faults:
-            failed = state.failed[gaze.rows, one.place]
+    for spec in model.observation_specs:
+        for one in spec.faults:
+            failed = state.failed[spec.rows, one.place]
             rate = np.where(failed, one.fault.repair, one.fault.failure)
-            change[gaze.rows, one.place] = -elementary.expm1(-rate * model.dt)
+            change[spec.rows, one.place] = -elementary.expm1(-rate * model.dt)
     state.failed = state.failed ^ (drawn < change)
 
 

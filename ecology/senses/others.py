@@ -11,7 +11,7 @@ from ecology import elementary, physiology
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import angle_of
 from ecology.ground import plane
-from ecology.ground.plane import wrapped
+from ecology.ground.plane import wrap_angle
 from ecology.neighbours import Pairs
 from ecology.senses.acquaintance import Acquaintance
 from ecology.senses.base import Component, Perceiver, Perception, Sense, place_components
@@ -75,10 +75,10 @@ class Others(Sense):
 
     def write(self, zeta: np.ndarray, column: int, model: Model, state: State, seen: Perception) -> None:
         """Write what is sensed of the nearest; the farthest distance and 0 where there is none."""
-        eyes, pairs, sensed = seen.eyes, seen.pairs, self._sensed
+        vision, pairs, sensed = seen.vision, seen.pairs, self._sensed
         assert pairs is not None
         first = self._rows.start
-        found = nearest_seen(eyes, pairs, state.position, state.heading, first, len(zeta), sensed.count, self._wanted)
+        found = nearest_seen(vision, pairs, state.position, state.heading, first, len(zeta), sensed.count, self._wanted)
         set_point, own = physiology.set_points(model.body, state), zeta[:, column : column + len(self.components)]
         _write_others(own, self._features, pairs, found, first, state.heading, state.internal, set_point)
         if self._known.width:
@@ -121,10 +121,10 @@ def _write_others(
                 j = pairs.other[p]
                 kind = kind_of[j]
                 zeta[row, c] = pairs.distance[p]
-                zeta[row, c + 1] = wrapped(angle_of(pairs.gap[p, 1], pairs.gap[p, 0]) - heading[i])
+                zeta[row, c + 1] = wrap_angle(angle_of(pairs.gap[p, 1], pairs.gap[p, 0]) - heading[i])
                 at = c + 2
                 if with_heading:
-                    zeta[row, at] = wrapped(heading[j] - heading[i])
+                    zeta[row, at] = wrap_angle(heading[j] - heading[i])
                     at += 1
                 if kinds > 1:
                     zeta[row, at + kind] = 1.0

@@ -11,7 +11,7 @@ from ecology import elementary
 from ecology.compiler_cache import compiled, use_cache
 from ecology.elementary import angle_of
 from ecology.ground import plane
-from ecology.ground.plane import way_along, wrapped
+from ecology.ground.plane import way_along, wrap_angle
 from ecology.senses.base import Component, Perceiver, Perception, Sense, place_components
 from ecology.state import Floats, Ints, State
 
@@ -68,7 +68,7 @@ def _write_places(
         dx = way_along(position[i, 0], places[r, 0], period[0])
         dy = way_along(position[i, 1], places[r, 1], period[1])
         zeta[row, 0] = min(math.sqrt(dx * dx + dy * dy), far)
-        zeta[row, 1] = wrapped(angle_of(dy, dx) - heading[i])
+        zeta[row, 1] = wrap_angle(angle_of(dy, dx) - heading[i])
 
 
 @compiled

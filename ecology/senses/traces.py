@@ -47,10 +47,10 @@ def follow(model: Model, state: State, observed: Mapping[str, np.ndarray]) -> No
     last = state.traces
     assert last is not None
     traces: Floats = last.copy()
-    for gaze in model.gazes:
-        for sense in gaze.traces:
-            rows = gaze.rows
+    for spec in model.observation_specs:
+        for sense in spec.traces:
+            rows = spec.rows
             faded = traces[rows, sense.place] * elementary.exp(-sense.sensed.rate * model.dt)
-            now = observed[gaze.species.name][:, sense.source].astype(float)
+            now = observed[spec.species.name][:, sense.source].astype(float)
             traces[rows, sense.place] = np.where(np.abs(now) >= np.abs(faded), now, faded)
     state.traces = np.where(state.alive[:, None], traces, last)

@@ -71,7 +71,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class Gaze:
+class ObservationSpec:
     """The constants of what one species perceives."""
 
     species: Species
@@ -83,14 +83,14 @@ class Gaze:
     faults: tuple[Faulty, ...]
 
 
-def compile_gaze(
+def compile_observation_spec(
     species: Species,
     rows: slice,
     arena: Arena,
     resources: Sequence[Resource],
     everyone: Sequence[Species],
     fields: Sequence[Field] = (),
-) -> Gaze:
+) -> ObservationSpec:
     """Return the constants of what the slots `rows` of `species` perceive."""
     far = farthest(species, plane_of(arena))
     whose = Perceiver(
@@ -113,7 +113,7 @@ def compile_gaze(
         for place, sense in enumerate(traces):
             sense.bind(known, place)
         components = [c for sense in senses for c in sense.components]
-    return Gaze(
+    return ObservationSpec(
         species=species,
         rows=rows,
         traces=tuple(traces),
@@ -139,7 +139,7 @@ def layout(
     fields: Sequence[Field] = (),
 ) -> Layout:
     """Return the layout of zeta = [delta, what is felt of others, e] for `species` among `everyone`."""
-    return compile_gaze(species, slice(0, species.slots), arena, resources, everyone, fields).layout
+    return compile_observation_spec(species, slice(0, species.slots), arena, resources, everyone, fields).layout
 
 
 def _lay_out(species: Species, components: Sequence[Component], everyone: Sequence[Species]) -> Layout:
@@ -172,22 +172,24 @@ def farthest(species: Species, plane: Plane) -> float:
 def remember(model: Model, state: State, seen: Perception) -> None:
     """Let traces fade for a tick, and take up what is sensed now."""
     if state.traces is not None:
-        observed = {gaze.species.name: _sense(model, gaze, state, seen) for gaze in model.gazes if gaze.traces}
+        observed = {
+            spec.species.name: _sense(model, spec, state, seen) for spec in model.observation_specs if spec.traces
+        }
         follow(model, state, observed)
 
 
-def observe(model: Model, gaze: Gaze, state: State, seen: Perception) -> np.ndarray:
+def observe(model: Model, spec: ObservationSpec, state: State, seen: Perception) -> np.ndarray:
     """Return zeta = [delta, what is felt, e] of the n slots of one species, float32 (n, D), as senses read it."""
-    zeta = _sense(model, gaze, state, seen)
-    if gaze.faults:
-        misread(gaze.faults, gaze.rows, zeta, state)
+    zeta = _sense(model, spec, state, seen)
+    if spec.faults:
+        misread(spec.faults, spec.rows, zeta, state)
     return zeta
 
 
-def _sense(model: Model, gaze: Gaze, state: State, seen: Perception) -> np.ndarray:
+def _sense(model: Model, spec: ObservationSpec, state: State, seen: Perception) -> np.ndarray:
     """Return zeta (n, D) as it is."""
-    zeta = np.zeros((gaze.rows.stop - gaze.rows.start, len(gaze.layout.names)), np.float32)
-    for sense, column in gaze.senses:
+    zeta = np.zeros((spec.rows.stop - spec.rows.start, len(spec.layout.names)), np.float32)
+    for sense, column in spec.senses:
         sense.write(zeta, column, model, state, seen)
     return zeta
 

@@ -15,7 +15,7 @@ def build(size: int = 4, cost: float = 0.5, varied: bool = True, mutation: float
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
         """Let every agent whose care exceeds the cost give to another agent of its group."""
-        outcome, state = world.nothing(), world.state
+        outcome, state = world.no_effect(), world.state
         assert state.trait is not None
         drawn = rng.random((2, size))  # for all slots, whoever lives
         living = np.flatnonzero(state.alive)

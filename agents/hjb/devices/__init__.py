@@ -24,10 +24,10 @@ from ecology.errors import EcologyError
 
 NAMES = r"cpu|plain|mps|cuda(:\d+)?"
 
-__all__ = ["Device", "check", "make"]
+__all__ = ["Device", "check_device", "make"]
 
 
-def check(name: str) -> None:
+def check_device(name: str) -> None:
     """Raise EcologyError if `name` is not the name of a device, available or not."""
     if not re.fullmatch(NAMES, name):
         raise EcologyError(f"device is cpu, plain, cuda, cuda:NUMBER or mps, got {name!r}.")
@@ -35,7 +35,7 @@ def check(name: str) -> None:
 
 def make(name: str, encoding: Encoding, n: int) -> Device:
     """Return the device `name` for n agents. Raises EcologyError if this machine does not have it."""
-    check(name)
+    check_device(name)
     if name == "cpu":
         return importlib.import_module("ecology.agents.hjb.devices.cpu.device").Cpu(encoding, n)
     if name == "plain":

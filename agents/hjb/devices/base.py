@@ -53,7 +53,7 @@ class Device(ABC):
         """
 
     @abstractmethod
-    def expected(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:
+    def expect(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:
         """Return what f predicts (k, D + 1) of the `movement` (k,) of each of `slots` (k,) at zeta (k, D)."""
 
     @abstractmethod

@@ -125,7 +125,7 @@ class Trace(NamedTuple):
     count: Array  # int (n,) decisions so far
 
 
-class Past(NamedTuple):
+class RecalledErrors(NamedTuple):
     """What a lookahead recalls, of one agent; on torch of a batch of agents."""
 
     where: Array  # the rows of `Trace`

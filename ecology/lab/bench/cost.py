@@ -21,7 +21,7 @@ from ecology.lab.runs.sweep import DPI, LEARNED, TABLE
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point:
+class CostPoint:
     """One choice of settings: drives by seed, and what its learners cost."""
 
     sweep: str
@@ -31,7 +31,7 @@ class Point:
     tick: float  # the world and those who watch too
 
 
-def points(folders: Sequence[Path]) -> list[Point]:
+def points(folders: Sequence[Path]) -> list[CostPoint]:
     """Return the choices that were swept, those that cost most first.
 
     What the world takes is the same work in every run, and tells how busy the machine was: a learner's cost is
@@ -50,7 +50,7 @@ def points(folders: Sequence[Path]) -> list[Point]:
     }
     return sorted(
         (
-            Point(
+            CostPoint(
                 sweep=sweep,
                 label=name,
                 drives={row["seed"]: row[LEARNED] for row in rows},
@@ -90,7 +90,7 @@ def camping(scenario: str) -> float:
     return float(lives.mean_drive(world, there, EVALUATED, seed, SKIPPED).mean())
 
 
-def draw(path: Path, found: Sequence[Point], line: float) -> None:
+def draw_costs(path: Path, found: Sequence[CostPoint], line: float) -> None:
     """Draw every choice with the range of its seeds, numbered as in the table, and the drive of camping as a `line`."""
     from ecology.observers.plotting import ScalarFormatter, new_figure, save_figure, style  # slow to load
 
@@ -120,7 +120,7 @@ def draw(path: Path, found: Sequence[Point], line: float) -> None:
     save_figure(figure, path, DPI)
 
 
-def table(found: Sequence[Point]) -> str:
+def table(found: Sequence[CostPoint]) -> str:
     """Return the choices as a table in markdown."""
     seeds = sorted({seed for point in found for seed in point.drives})
     lines = [["", "setting", "learner, ms", "tick, ms", *(f"seed {seed}" for seed in seeds), "worst"], ["---"] * 5]
@@ -141,7 +141,7 @@ def main() -> None:
     found = points(words.folders)
     import pyarrow.parquet as pq
 
-    draw(words.out, found, camping(pq.read_table(words.folders[0] / TABLE)["scenario"][0].as_py()))
+    draw_costs(words.out, found, camping(pq.read_table(words.folders[0] / TABLE)["scenario"][0].as_py()))
     print(table(found))
 
 

@@ -147,7 +147,7 @@ def calibrate() -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point:
+class TimedWorld:
     """One world with so many agents, to be timed by the process `command`."""
 
     name: str
@@ -156,7 +156,7 @@ class Point:
     least: int = LEAST  # ticks of a window
 
 
-def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str, str]) -> list[Point]:
+def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str, str]) -> list[TimedWorld]:
     """Return what is to be timed; `against` are the other worlds, each with the Python that has it."""
     found = []
     for name in learners:
@@ -171,19 +171,21 @@ def points(counts: Sequence[int], learners: Sequence[str], against: Mapping[str,
         if name in learners:
             most = PLAIN_UP_TO if name == PLAIN else LEARNERS_UP_TO
         least = LEARNS if name in learners else LEAST
-        found += [Point(name=name, agents=n, command=(*here, name, str(n)), least=least) for n in counts if n <= most]
+        found += [
+            TimedWorld(name=name, agents=n, command=(*here, name, str(n)), least=least) for n in counts if n <= most
+        ]
     script = str(Path(__file__).with_name("other_worlds.py"))
     for name, python in against.items():
         _, least, most = WORLDS[name]
         fitting = [n for n in counts if least <= n <= most] or [least]
-        found += [Point(name=name, agents=n, command=(python, script, name, str(n))) for n in fitting]
+        found += [TimedWorld(name=name, agents=n, command=(python, script, name, str(n))) for n in fitting]
     return found
 
 
 class Process:
     """A point's process, from when it is ready until it is started."""
 
-    def __init__(self, point: Point) -> None:
+    def __init__(self, point: TimedWorld) -> None:
         """Start it and wait until its world stands."""
         self.point = point
         try:
@@ -232,7 +234,7 @@ class Process:
 
 
 @contextlib.contextmanager
-def pinned(core: int | None) -> Iterator[int | None]:
+def pin_to_core(core: int | None) -> Iterator[int | None]:
     """Keep this process, and those that it starts, on one core; give which, None where this cannot be said."""
     if not hasattr(os, "sched_setaffinity"):
         yield None
@@ -249,12 +251,12 @@ def pinned(core: int | None) -> Iterator[int | None]:
 
 
 def measure(
-    wanted: Sequence[Point], *, rounds: int, seconds: float, tell: Callable[[str], None]
+    wanted: Sequence[TimedWorld], *, rounds: int, seconds: float, tell: Callable[[str], None]
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """Return a row for every window of every point, and the versions of all that took part."""
     rows: list[dict[str, Any]] = []
     with contextlib.ExitStack() as stack:
-        processes: dict[Point, Process] = {}
+        processes: dict[TimedWorld, Process] = {}
         found = dict(versions())
         for point in sorted(wanted, key=lambda point: point.name not in WORLDS):  # first what may not be installed
             tell(f"{point.name}, {point.agents} agents: building")
@@ -310,16 +312,16 @@ def write(out: Path, rows: Sequence[Mapping[str, Any]], used: Mapping[str, str])
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
         write_table(out / TABLE, [{**row, "versions": json.dumps(used)} for row in rows])
-        draw(out / FIGURE, speeds(rows), used)
+        draw_speeds(out / FIGURE, speeds(rows), used)
     return [out / TABLE, out / FIGURE]
 
 
-def called(name: str, version: str) -> str:
+def name_with_version(name: str, version: str) -> str:
     """Return a name with its version, which may begin with it."""
     return version if version.startswith(name) else f"{name} {version}"
 
 
-def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
+def draw_speeds(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
     """Draw agent-steps per second over agents, a line for each name, with quartiles."""
     from ecology.observers.plotting import new_figure, save_figure, style  # slow to load
 
@@ -333,7 +335,7 @@ def draw(path: Path, found: Sequence[Speed], used: Mapping[str, str]) -> None:
         if name.endswith(BORDER):
             label += " through dicts"
         if name in WORLDS:
-            label = called(name, used[name])
+            label = name_with_version(name, used[name])
         elif name == PLAIN:
             label = "ecology, algorithm1 learning on the plain device"
         ax.errorbar(

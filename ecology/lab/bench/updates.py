@@ -72,7 +72,7 @@ def population(n: int, width: int, device: str) -> tuple[Any, np.ndarray, np.nda
     return learner, zeta, open_
 
 
-def timed(what: Callable[[], object], rounds: int, clock: Callable[[], float]) -> float:
+def time_calls(what: Callable[[], object], rounds: int, clock: Callable[[], float]) -> float:
     """Return the median over rounds of the milliseconds that a call takes, after two that are not counted."""
     what()
     begun = clock()
@@ -128,15 +128,15 @@ def cost(n: int, width: int, device: str, rounds: int) -> Cost:
             alone._update(np.ones(few, bool))
             alone.scores(np.arange(few), zetas, options)
 
-        plain = timed(one_by_one, min(rounds, 3), clock) * n / few
+        plain = time_calls(one_by_one, min(rounds, 3), clock) * n / few
     return Cost(
         width=width,
         agents=n,
         weights=weights,
         moved=moved,
-        update=timed(lambda: learner._update(everyone), rounds, clock),
-        score=timed(lambda: learner.scores(np.arange(n), zeta, open_), rounds, clock),
-        floor=timed(bare(n, moved, learner.device), rounds, clock),
+        update=time_calls(lambda: learner._update(everyone), rounds, clock),
+        score=time_calls(lambda: learner.scores(np.arange(n), zeta, open_), rounds, clock),
+        floor=time_calls(bare(n, moved, learner.device), rounds, clock),
         plain=plain,
     )
 

@@ -88,18 +88,20 @@ def minds_of(env: Ecology, scenario: Scenario, seed: int, own: Mapping[str, Any]
     """Return the learners that a scenario names, with their settings and `own` where they have such."""
     found = {}
     for i, (group, species) in enumerate(zip(env.groups.values(), scenario.species, strict=True)):
-        told = known(species.learner, {**species.learner_settings, **own})
+        told = settings_of(species.learner, {**species.learner_settings, **own})
         found[group.name] = agents.make(species.learner, group, np.random.SeedSequence([seed, i]), told)
     return found
 
 
-def known(learner: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+def settings_of(learner: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings that a learner has."""
     own = agents.settings(learner)
     return {name: value for name, value in settings.items() if name in own}
 
 
-def frozen(env: Ecology, minds: Mapping[str, Learner], tick: Tick, ticks: int, epsilon: float, look: Any) -> list[Any]:
+def run_frozen(
+    env: Ecology, minds: Mapping[str, Learner], tick: Tick, ticks: int, epsilon: float, look: Any
+) -> list[Any]:
     """Return what `look` returns for `ticks` more ticks in which no agent learns and all explore with `epsilon`."""
     for mind in minds.values():
         mind.evaluating(epsilon)
@@ -124,7 +126,7 @@ def column(done: Mapping[str, Any], prefix: str) -> list[Any]:
     return [value for key, value in done.items() if key.startswith(prefix)]
 
 
-def whole(done: Mapping[str, Any], kind: str, values: Sequence[float], seeds: int) -> list[dict[float, Any]]:
+def complete_parts(done: Mapping[str, Any], kind: str, values: Sequence[float], seeds: int) -> list[dict[float, Any]]:
     """Return the values of the parts `KIND-VALUE-SEED`, by VALUE, of every seed whose parts are all done."""
     found = []
     for seed in range(seeds):

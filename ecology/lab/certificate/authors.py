@@ -49,7 +49,7 @@ def mean_drive(arena: str, learner: str, seed: int, ticks: int, skip: int) -> fl
 def _camp(env: Ecology, scenario: Scenario, resource: int, ticks: int, skip: int) -> float:
     """Return the mean drive of an agent in a resource's circle that eats whenever it is below the set point."""
     place, names = scenario.resources[resource - 1].position, env.groups["agent"].actions
-    tick = env.put(position=np.array([place]))
+    tick = env.set_state(position=np.array([place]))
     eat, idle = names.index(f"consume_food_{resource}"), names.index("rest")
     drives = []
     for k in range(ticks):

@@ -28,7 +28,7 @@ WEIGHTS = (0.0, 0.25, 0.5, 1.0, 2.0)  # of empathy
 LOOKS = Callable[[Ecology, State], tuple[float, ...]]
 
 
-def lived(name: str, seed: int, ticks: int, look: LOOKS, **settings: Any) -> tuple[State, np.ndarray]:
+def run_life(name: str, seed: int, ticks: int, look: LOOKS, **settings: Any) -> tuple[State, np.ndarray]:
     """Return the last state of a life, and what `look` saw in every tick, (ticks, k)."""
     run, seen = Run(resolve(name, changes=settings, ticks=ticks, seed=seed), Path(os.devnull)), answers.Watch(look)
     run.live_on(ticks, [seen])
@@ -40,7 +40,7 @@ def lived(name: str, seed: int, ticks: int, look: LOOKS, **settings: Any) -> tup
 
 def commons(n: int, seed: int, ticks: int = TICKS) -> dict[str, float | None]:
     """Return when the pool of n learners was empty (None: never), what is left, what each ate, and its drive."""
-    state, rows = lived("commons", seed, ticks, lambda _, now: (now.stock[0], now.own_drive.mean()), n=n)
+    state, rows = run_life("commons", seed, ticks, lambda _, now: (now.stock[0], now.own_drive.mean()), n=n)
     stock, drive = rows.T
     empty = int(np.flatnonzero(stock > 0)[-1]) + 2 if stock[-1] <= 0 else None
     return {
@@ -57,7 +57,7 @@ def most() -> float:
     return words["growth"] * words["capacity"] / words["decay"]
 
 
-def emptied_at(n: float) -> float:
+def emptying_time(n: float) -> float:
     """Return when n agents with a fixed appetite of what a need takes have emptied the pool, infinity: never."""
     if n <= most():
         return math.inf
@@ -72,7 +72,7 @@ def commons_table(lives: Mapping[float, Sequence[Mapping[str, Any]]]) -> str:
         means = [float(np.mean([life[word] for life in of])) for word in ("stock", "eaten", "drive")]
         rows.append((
             f"{n:g}", f"{empty.count(None)} of {len(of)}", ", ".join("-" if e is None else str(e) for e in empty),
-            "-" if math.isinf(emptied_at(n)) else f"{emptied_at(n):.0f}",
+            "-" if math.isinf(emptying_time(n)) else f"{emptying_time(n):.0f}",
             f"{means[0]:.0f}", f"{means[1]:.4f}", f"{means[2]:.2f}",
         ))  # fmt: skip
     head = ("n", "pools that survive", "emptied at tick", "closed form", "stock at the end", "eaten per agent and tick",
@@ -88,7 +88,7 @@ def colony(weight: float, seed: int, ticks: int = TICKS) -> dict[str, float | No
 
     Means are over those alive, None without any.
     """
-    _, rows = lived("colony", seed, ticks, _colony_now, weight=weight)
+    _, rows = run_life("colony", seed, ticks, _colony_now, weight=weight)
     found: dict[str, float | None] = {"brood alive": float(rows[-1, 0]), "nurses alive": float(rows[-1, 1])}
     for word, column in zip(("brood", "nurses", "gives"), rows[ticks // 2 :, 2:].T, strict=True):
         known = column[np.isfinite(column)]

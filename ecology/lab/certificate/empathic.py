@@ -124,5 +124,5 @@ def case_of(e: Empathic, about: str) -> Case:
 
 def scripted_lives(e: Empathic, policy: episodes.Policy, worlds: int, lives: int) -> tuple[list[float], list[float]]:
     """Return the lengths of `lives` lives in each world under a policy, and the share of its second action."""
-    found, taken = episodes.scripted(e.name, {"condition": "none"}, policy, worlds, lives, e.cap)
+    found, taken = episodes.run_scripted(e.name, {"condition": "none"}, policy, worlds, lives, e.cap)
     return [float(n) for lengths in found for n in lengths], (taken[:, 1] / taken.sum(axis=1)).tolist()

@@ -68,7 +68,7 @@ class Worlds:
                     changed["internal"][mine], changed["age"][mine] = born.internal, born.age
                     changed["position"][mine] = born.position + shift
                 alive = env.state_view.alive | np.isin(self.pair, ended % self.pairs)
-                tick = env.put(alive=alive, **changed)
+                tick = env.set_state(alive=alive, **changed)
             rows = slice(e * self.pairs * self.n, (e + 1) * self.pairs * self.n)
             self.zeta[rows], self.masks[rows] = tick.observations[self.group.name], tick.masks[self.group.name]
 
@@ -103,13 +103,13 @@ class Worlds:
         return [lengths[:least] for lengths in found]
 
 
-def measured(worlds: Worlds, act: Callable[[], Ints]) -> list[list[int]]:
+def measure_lives(worlds: Worlds, act: Callable[[], Ints]) -> list[list[int]]:
     """Return the lengths of lives per world: of one where lives are long, of SHORT more where they are not."""
     first = worlds.lives(act, 1)
     return first if np.mean(first) > worlds.cap / 10 else worlds.lives(act, SHORT)
 
 
-def scripted(
+def run_scripted(
     name: str, settings: Mapping[str, Any], policy: Policy, count: int, lives: int, cap: int, seed: int = 0
 ) -> tuple[list[list[int]], Ints]:
     """Return the lengths of `lives` lives in `count` worlds under `policy`, and how often each took which action."""
@@ -146,7 +146,7 @@ def hjb(name: str, settings: Mapping[str, Any], count: int, ticks: int, cap: int
             learner.died(np.flatnonzero(over))  # what was under way ends with the life; what is known stays
             worlds.begin(ended)
     learner.evaluating(0.0)
-    return measured(worlds, lambda: learner.act(worlds.zeta, worlds.masks))
+    return measure_lives(worlds, lambda: learner.act(worlds.zeta, worlds.masks))
 
 
 def ppo(
@@ -222,4 +222,4 @@ def ppo(
     learner = PPO("MlpPolicy", Many(), seed=seed, device="cpu", **learning)
     learner.learn(steps)
     test = Worlds(name, settings, TESTS if count > 1 else 1, 1_000_000 + seed, cap)
-    return [n for lengths in measured(test, lambda: learner.predict(test.zeta)[0]) for n in lengths]
+    return [n for lengths in measure_lives(test, lambda: learner.predict(test.zeta)[0]) for n in lengths]

@@ -94,8 +94,8 @@ def train(folder: Path, seed: int, ticks: int, settings: Mapping[str, Any], tell
     """Run a seed of `paper` in `folder` to its last tick, from its last checkpoint if there is one."""
     plan = resolve(WORLD, changes=settings, ticks=ticks, seed=seed, record=False)
     cell = sweep.Cell(plan=plan, varied={}, folder=folder)
-    sweep.check(cell)
-    if sweep.lived(cell) is not None:
+    sweep.check_cell(cell)
+    if sweep.ended_summary(cell) is not None:
         return
     if (folder / CONFIG).is_file():
         run = open_run(folder)
@@ -109,7 +109,7 @@ def train(folder: Path, seed: int, ticks: int, settings: Mapping[str, Any], tell
 
 def measure_run(folder: Path, *, life: int = LIFE, tell: Tell = lambda _: None) -> dict[str, Any]:
     """Return the measures of the run of `paper` in `folder`, whole, and keep each there as soon as it is taken."""
-    told = _kept(folder, life)
+    told = _read_measures(folder, life)
     for name, measure in MEASURES.items():
         if name not in told:
             tell(name)
@@ -122,7 +122,7 @@ def measure_run(folder: Path, *, life: int = LIFE, tell: Tell = lambda _: None) 
     return told
 
 
-def _kept(folder: Path, life: int) -> dict[str, Any]:
+def _read_measures(folder: Path, life: int) -> dict[str, Any]:
     """Return the measures in `folder` that were taken over frozen lives of `life` ticks."""
     try:
         told = json.loads((folder / DONE).read_text(encoding="utf-8"))
@@ -133,22 +133,22 @@ def _kept(folder: Path, life: int) -> dict[str, Any]:
 
 def is_done(folder: Path, life: int) -> bool:
     """Return whether `folder` holds every measure."""
-    return set(MEASURES) <= set(_kept(folder, life))
+    return set(MEASURES) <= set(_read_measures(folder, life))
 
 
 def _mind(run: Run) -> tuple[Scenario, Learner]:
     return run.scenario, next(iter(run.learners.values()))
 
 
-def lived(run: Run) -> dict[str, Any]:
+def measure_training(run: Run) -> dict[str, Any]:
     """Return the results of the training: the drive of its last tenth, and the tick from which it was regulated."""
     _, learner = _mind(run)
-    drive, span = run.tally.drives(learner.group.name)
+    drive, span = run.totals.drives(learner.group.name)
     return {
         "last_tenth": float(drive[-max(1, len(drive) // 10) :].mean()),
-        "regulated_from": lives.regulated_from(drive, BOUND, span=span),
-        "wall_seconds": float(run.tally.seconds[0]),
-        "cpu_seconds": float(run.tally.seconds[1]),
+        "regulated_from": lives.find_regulation(drive, BOUND, span=span),
+        "wall_seconds": float(run.totals.seconds[0]),
+        "cpu_seconds": float(run.totals.seconds[1]),
     }
 
 
@@ -165,7 +165,7 @@ def _life(run: Run, ticks: int, epsilon: float) -> tuple[lives.Life, dict[str, A
     }
 
 
-def frozen(run: Run, life: int) -> dict[str, Any]:
+def measure_frozen(run: Run, life: int) -> dict[str, Any]:
     """Return the measures of a frozen life with exploration, and what f, J and the choices are worth in it."""
     scenario, learner = _mind(run)
     seed = run.plan.seed + EVALUATION_SEED
@@ -201,7 +201,7 @@ def greedy(run: Run, life: int) -> dict[str, Any]:
     return _life(run, life, 0.0)[1]
 
 
-def moved(run: Run) -> dict[str, Any]:
+def measure_recovery(run: Run) -> dict[str, Any]:
     """Return how soon the learner recovers, learning on, after a food was moved to the other end of the arena.
 
     It has recovered at the first tick, `lives.WINDOW` or more after the move, at which the running mean is back
@@ -209,7 +209,7 @@ def moved(run: Run) -> dict[str, Any]:
     """
     _, learner = _mind(run)
     name, at = learner.group.name, run.now
-    drive, span = run.tally.drives(name)
+    drive, span = run.totals.drives(name)
     before = float(drive[-max(1, lives.WINDOW // span) :].mean())
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "moved"
@@ -226,10 +226,10 @@ def moved(run: Run) -> dict[str, Any]:
 
 
 MEASURES: Mapping[str, Callable[[Run, int], dict[str, Any]]] = {
-    "lived": lambda run, _: lived(run),
-    "frozen": frozen,
+    "lived": lambda run, _: measure_training(run),
+    "frozen": measure_frozen,
     "greedy": greedy,
-    "moved": lambda run, _: moved(run),
+    "moved": lambda run, _: measure_recovery(run),
 }
 
 
@@ -269,7 +269,7 @@ class Target:
             must is None or self.cost(value) <= self.cost(must) for value, must in zip(found, self.must, strict=True)
         )
 
-    def written(self, values: Sequence[float | None], empty: str) -> str:
+    def format(self, values: Sequence[float | None], empty: str) -> str:
         """Return median and worst in words."""
         return " / ".join(empty if value is None else f"{value:,.{self.digits}f}" for value in values)
 
@@ -327,8 +327,8 @@ def rows(seeds: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
             (
                 target.what,
                 " / ".join(target.was),
-                target.written(target.must, "-"),
-                target.written(values, "never"),
+                target.format(target.must, "-"),
+                target.format(values, "never"),
                 str(worst["seed"]),
                 "yes" if target.holds(values) else "no",
             )
@@ -410,14 +410,14 @@ def seconds(job: Job) -> float:
     return 40.0 + LEARNING * (job.ticks + ADAPTS) + ACTING * 2 * job.life
 
 
-def measured(job: Job) -> dict[str, Any]:
+def read_measures(job: Job) -> dict[str, Any]:
     """Return the measures of a seed that is done."""
-    return _kept(job.folder, job.life)
+    return _read_measures(job.folder, job.life)
 
 
 def line(job: Job) -> str:
     """Return the measures of a seed that is done in one line."""
-    found = measured(job)
+    found = read_measures(job)
     return (
         f"mean drive {found['frozen']['mean_drive']:.2f}, worst block {found['frozen']['worst_block']:.2f}, "
         f"with epsilon 0 {found['greedy']['mean_drive']:.2f}"
@@ -426,7 +426,7 @@ def line(job: Job) -> str:
 
 def write(out: Path, done: Sequence[Job]) -> tuple[str, list[Path]]:
     """Write the table of the seeds that are `done` as Markdown and JSON; return its text and the paths."""
-    seeds = [measured(job) for job in done]
+    seeds = [read_measures(job) for job in done]
     first, chip, table = done[0], processor(), rows(seeds)
     day = datetime.now(UTC).date().isoformat()
     what = chip["processor"] + (f", compiled for {chip['numba_cpu_name']}" if chip["numba_cpu_name"] else "")

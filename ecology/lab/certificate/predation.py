@@ -148,7 +148,9 @@ def pays(seed: int, ticks: int = 10_000, **settings: Any) -> dict[str, float]:
     return {"life": life[0], "life fleeing": life[1], "wounds": wounds[0], "wounds fleeing": wounds[1]}
 
 
-def learned(seed: int, ticks: int, learner: str = "lean", **settings: Any) -> tuple[Ecology, dict[str, Learner], Tick]:
+def train_both(
+    seed: int, ticks: int, learner: str = "lean", **settings: Any
+) -> tuple[Ecology, dict[str, Learner], Tick]:
     """Return a world of `predator_prey` in which both kinds have learned for `ticks` ticks, its minds and last tick."""
     env = Ecology(scenarios.load("predator_prey", **settings))
     words = env.scenario.species[0].learner_settings
@@ -211,7 +213,9 @@ def newborns(seed: int, predators: str, ticks: int = 10_000, prey: str = "lean",
     env = Ecology(scenarios.load("predator_prey", **{"inherit": False, "arrival": ARRIVAL, **settings}))
     words = env.scenario.species[0].learner_settings
     minds = {
-        name: agents.make(learner, env.groups[name], np.random.SeedSequence([seed, k]), answers.known(learner, words))
+        name: agents.make(
+            learner, env.groups[name], np.random.SeedSequence([seed, k]), answers.settings_of(learner, words)
+        )
         for k, (name, learner) in enumerate({"prey": prey, "predator": predators}.items())
     }
     fates = Fates(env, "predator", np.zeros(env.groups["predator"].size, np.int64))

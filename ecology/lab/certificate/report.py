@@ -50,7 +50,7 @@ def certificate(table: Mapping[str, Sequence[Row]]) -> str:
     return markdown(HEAD, [cells(name, row) for name, found in table.items() for row in found])
 
 
-def draw(folder: Path, case: Case, values: Mapping[str, Any]) -> list[Path]:
+def draw_case(folder: Path, case: Case, values: Mapping[str, Any]) -> list[Path]:
     """Draw the figure of a case from its finished parts into the folder; return its files, none without a figure."""
     if case.figure is None or not values:
         return []

@@ -27,7 +27,7 @@ def main(words: Sequence[str] | None = None) -> None:
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
     except Exception as error:
-        told = error if isinstance(error, EcologyError) else faults.user_fault(error) or _refused(error)
+        told = error if isinstance(error, EcologyError) else faults.user_fault(error) or _describe_refused(error)
         if told is None:
             raise
         frames = told.frames if isinstance(told, faults.FaultError) else ""
@@ -35,7 +35,7 @@ def main(words: Sequence[str] | None = None) -> None:
         sys.exit(2)
 
 
-def _refused(error: Exception) -> EcologyError | None:
+def _describe_refused(error: Exception) -> EcologyError | None:
     """Return what to say where the operating system refused a path that the user gave; else None."""
     if not isinstance(error, OSError) or not is_from_system(error) or error.filename is None:
         return None

@@ -22,7 +22,7 @@ from ecology.lab.runs.run import Run
 from ecology.lab.runs.stopping import StoppedError
 from ecology.observers.base import Mind, Observer
 from ecology.observers.control import Control
-from ecology.observers.wishes import AGENTS, Click, Wishes
+from ecology.observers.focus_requests import AGENTS, Click, FocusRequests
 
 if TYPE_CHECKING:
     from ecology.observers.hindsight import Hindsight
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
 def run_and_report(it: Run, observers: list[Observer], *, quiet: bool) -> None:
     """Run to the end with a progress bar and print the summary; then serve the page of the run until Ctrl-C."""
     if not quiet:
-        observers.append(Progress(it.tally, it.plan.ticks))
+        observers.append(Progress(it.totals, it.plan.ticks))
     audience = next((each for each in observers if isinstance(each, Audience)), None)
     with contextlib.ExitStack() as at_end:
         if audience is not None:
             at_end.callback(audience.close)
         try:
-            with compiling.shared(it.learners.values()):
+            with compiling.share_compiling(it.learners.values()):
                 summary = it.live(observers)
         except StoppedError as stopped:
             if not quiet:
                 with contextlib.suppress(OSError):  # a terminal that hung up
-                    print(f"stopped by {stopped} at tick {it.tally.tick}; resume with: {it.resume_command()}")
+                    print(f"stopped by {stopped} at tick {it.totals.tick}; resume with: {it.resume_command()}")
             raise
         if not quiet:
             print_summary(it.folder, summary)
@@ -59,9 +59,11 @@ def look_back(it: Run, audience: Audience) -> None:
             from ecology.observers import viewer
             from ecology.observers.hindsight import Hindsight
 
-            past = Hindsight(stack.enter_context(viewer.complete(it.folder)), it.scenario, it.folder.absolute().name)
+            past = Hindsight(
+                stack.enter_context(viewer.open_recording(it.folder)), it.scenario, it.folder.absolute().name
+            )
             kept = Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING
-            audience.look_back(past.shown(None, kept), past)
+            audience.look_back(past.write_view(None, kept), past)
         print(f"the page is still there: {audience.url}\nstop with Ctrl-C", flush=True)
         with contextlib.suppress(KeyboardInterrupt):
             wait()
@@ -101,7 +103,7 @@ def make_observers(it: Run, watching: Watching | None = None, *, resume: bool) -
     if how.focus and not (it.plan.record or how.now):
         raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
     Focus.of(it.env, how.focus)  # an unknown agent is refused before anything is written
-    wishes = Wishes(it.folder)
+    requests = FocusRequests(it.folder)
     if how.serve:
         it.control = Control(paused=how.paused, pace=how.pace, patient=how.patient)
     if it.plan.record:
@@ -120,11 +122,11 @@ def make_observers(it: Run, watching: Watching | None = None, *, resume: bool) -
             viewers=Viewers(served, how.connect),
             focus=how.focus,
             detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
-            run=Recorded(it.folder.name, resume, it.born_and_died(), wishes, it.control),
+            run=Recorded(it.folder.name, resume, it.born_and_died(), requests, it.control),
         )
         observers.append(rerun)
         if served is not None:
-            observers.append(Audience(it, rerun, wishes, how))
+            observers.append(Audience(it, rerun, requests, how))
     return observers
 
 
@@ -140,7 +142,7 @@ def web_port(port: int | None) -> int:
 class Audience:
     """Opens viewers on a run that serves, an observer: the viewer itself, or a page with the controls of the run."""
 
-    def __init__(self, it: Run, rerun: RerunObserver, wishes: Wishes, how: Watching) -> None:
+    def __init__(self, it: Run, rerun: RerunObserver, requests: FocusRequests, how: Watching) -> None:
         from ecology.observers.viewer import needs_display
 
         if how.view:
@@ -148,7 +150,7 @@ class Audience:
         if how.port is not None:
             web_port(how.port)  # a taken port is refused before anything is written
         self._serves, self._port = how.serve, how.port
-        self._run, self._rerun, self._wishes, self._view = it, rerun, wishes, how.view
+        self._run, self._rerun, self._requests, self._view = it, rerun, requests, how.view
         self._page: Page | None = None
         self._state: State | None = None
         self._over = self._can_look_back = False
@@ -202,7 +204,7 @@ class Audience:
         if self._page is not None:
             from ecology.observers.page import Shown
 
-            shown = Shown([recording.name], past.hear, {recording.name: recording}, named=past.named)
+            shown = Shown([recording.name], past.hear, {recording.name: recording}, named=past.layer_named)
             self._page.look_back(shown, self)
             self._can_look_back = True
 
@@ -236,7 +238,7 @@ class Audience:
 
     def hear(self, click: Click) -> str | None:
         """Handle a click; report if it hits no living agent."""
-        self._wishes.hear(click)
+        self._requests.hear(click)
         state, name = self._state, click.entity.removeprefix(f"{AGENTS}/")
         group = self._run.env.groups.get(name)
         if state is None or group is None or click.row >= group.size:
@@ -273,7 +275,7 @@ class Audience:
     def focus(self, who: str) -> str:
         """Bring an agent into focus."""
         self._check_alive()
-        return self._wishes.name(who)
+        return self._requests.name(who)
 
     def world(self) -> dict[str, Any]:
         """Return the walls, and where resources and agents are, with their radii and colours."""

@@ -64,7 +64,7 @@ def announces_compiling(command: Callable[..., None]) -> Callable[..., None]:
         from ecology.lab import compiling  # loads Numba, which takes a moment
 
         quiet = options.get("quiet", False) or any(getattr(arg, "quiet", False) for arg in args)
-        with compiling.announced(quiet=quiet):
+        with compiling.announce_compiling(quiet=quiet):
             command(*args, **options)
 
     return announced

@@ -112,7 +112,7 @@ PARTS: dict[str, Part] = {
     "rule": Part("a rule of one's own, with a memory", ("Outcome", "World"),
                  {"top": '\n\ndef rain(world: World, rng) -> Outcome:  # noqa: ANN001\n'
                          '    """Let it rain now and then, which wets everybody."""\n'
-                         "    outcome = world.nothing()\n"
+                         "    outcome = world.no_effect()\n"
                          '    wet = rng.random() < 0.01 or (world.memory["wet"] > 0 and rng.random() < 0.9)\n'
                          '    outcome.memory["wet"] = float(wet)\n'
                          "    outcome.received[world.state.alive, 0] = 0.02 * wet\n"
@@ -121,7 +121,7 @@ PARTS: dict[str, Part] = {
 }  # fmt: skip
 
 
-def chosen(names: Sequence[str]) -> list[Part]:
+def choose_parts(names: Sequence[str]) -> list[Part]:
     """Return the parts by name; EcologyError for an unknown one."""
     for name in names:
         if name not in PARTS:

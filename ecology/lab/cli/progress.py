@@ -12,7 +12,7 @@ from rich.console import Console
 
 from ecology import Ecology, State, Tick
 from ecology.lab import compiling
-from ecology.lab.runs.tally import Tally
+from ecology.lab.runs.run_summary import RunSummary
 from ecology.observers.base import Mind
 
 REFRESH = 0.25  # seconds between two pictures of the progress bar
@@ -22,8 +22,8 @@ LINE = 60.0  # seconds between two lines of progress where there is no terminal
 class Progress:
     """Show how far the run is, an observer: a bar on a terminal, a line now and then elsewhere."""
 
-    def __init__(self, tally: Tally, ticks: int) -> None:
-        self._tally, self._ticks = tally, ticks
+    def __init__(self, totals: RunSummary, ticks: int) -> None:
+        self._totals, self._ticks = totals, ticks
         self._console = Console(stderr=True)
         self._every = REFRESH if self._console.is_terminal else LINE
         self._bar: Any = None
@@ -32,7 +32,7 @@ class Progress:
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
         """Start the bar."""
-        self._from, self._then = self._tally.tick, time.monotonic()
+        self._from, self._then = self._totals.tick, time.monotonic()
         if self._console.is_terminal:
             from rich import progress  # slow to load
 
@@ -59,15 +59,15 @@ class Progress:
         """Renew the picture, a few times per second at most; a tick that compiled something is no measure of speed."""
         if self._compiled != compiling.notice.count:
             self._compiled = compiling.notice.count
-            self._from, self._then = self._tally.tick, time.monotonic()
+            self._from, self._then = self._totals.tick, time.monotonic()
         if time.monotonic() >= self._then + self._every:
             with contextlib.suppress(OSError):  # a terminal that hung up stops nothing
                 self._show(minds)
 
     def _show(self, minds: Mapping[str, Mind]) -> None:
-        now, at = time.monotonic(), self._tally.tick
+        now, at = time.monotonic(), self._totals.tick
         parts = [f"{(at - self._from) / max(now - self._then, 1e-9):,.0f} ticks/s"]
-        drive, own = self._tally.mean_drive(self._from), self._tally.mean_drive(self._from, own=True)
+        drive, own = self._totals.mean_drive(self._from), self._totals.mean_drive(self._from, own=True)
         if drive is not None:
             parts.append(f"mean drive {drive:.2f}")
         if own != drive:
@@ -90,7 +90,7 @@ class Progress:
         if self._bar is not None:
             compiling.notice.say = self._say
             with contextlib.suppress(OSError):
-                self._bar.update(self._task, completed=self._tally.tick)
+                self._bar.update(self._task, completed=self._totals.tick)
                 self._bar.refresh()
                 self._bar.stop()
 

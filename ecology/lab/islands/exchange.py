@@ -93,10 +93,10 @@ def draw_brood(pool: Pool, traits: Sequence[Trait], counts: Sequence[Count], see
     """Draw the next generation of all islands; empty if no agent is left."""
     rng = np.random.default_rng(seed)
     serial = np.concatenate([count.serial for count in counts])
-    weight = np.concatenate([np.maximum(_known(count.fitness), 0.0) for count in counts])
+    weight = np.concatenate([np.maximum(_require_array(count.fitness), 0.0) for count in counts])
     weight = weight if weight.sum() > 0 else np.ones(len(serial))
     sizes = [count.founders if len(serial) else 0 for count in counts]
-    z = np.concatenate([_known(count.trait) for count in counts]) if traits else np.zeros((len(serial), 0))
+    z = np.concatenate([_require_array(count.trait) for count in counts]) if traits else np.zeros((len(serial), 0))
     upto = np.cumsum(weight)
     low, high = (np.array([trait.bounds[side] for trait in traits]) for side in (0, 1))
     mutation = np.array([trait.mutation for trait in traits])
@@ -114,7 +114,8 @@ def draw_brood(pool: Pool, traits: Sequence[Trait], counts: Sequence[Count], see
     if len(serial):
         children, mother, father = np.concatenate(values), np.concatenate(first), np.concatenate(second)
         told["traits"] = {
-            trait.name: _selected(z[:, t], children[:, t], serial, mother, father) for t, trait in enumerate(traits)
+            trait.name: _measure_selection(z[:, t], children[:, t], serial, mother, father)
+            for t, trait in enumerate(traits)
         }
     return Brood([serial[one] for one in first], [found if traits else None for found in values], told)
 
@@ -127,7 +128,7 @@ def _draw_parents(pool: Pool, upto: np.ndarray, size: int, rng: np.random.Genera
     return np.where(kin, rows[-1], rows[:-1])
 
 
-def _selected(
+def _measure_selection(
     z: np.ndarray, child: np.ndarray, serial: np.ndarray, mother: np.ndarray, father: np.ndarray
 ) -> dict[str, float]:
     """Return the mean of a trait before and after, and the Price equation between them."""
@@ -147,6 +148,6 @@ def _selected(
     }
 
 
-def _known(array: np.ndarray | None) -> np.ndarray:
+def _require_array(array: np.ndarray | None) -> np.ndarray:
     assert array is not None  # the census of a species with a pool has it
     return array

@@ -191,7 +191,7 @@ class IslandRun:
             start = env.world.model.resources.stock if env.world.model.appearing is None else state.stock
             changes["grown"] = state.grown + np.where(finite, np.where(finite, start, 0.0) - state.stock, 0.0)
             changes["stock"] = np.where(finite, start, state.stock)
-        env.put(**changes)
+        env.set_state(**changes)
         learner.died(gone - rows.start)
         self.run.tick, slots = env.breed(species, parents, traits, np.random.default_rng(seed))
         learner.born(slots - rows.start, np.full(len(slots), -1))

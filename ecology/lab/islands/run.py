@@ -213,7 +213,7 @@ class ArchipelagoRun:
             refused=moves.refused,
         )
         if self._overview is not None:
-            self._overview.passed(self.now, moves.origin, moves.to, moves.refused)
+            self._overview.show_migrants(self.now, moves.origin, moves.to, moves.refused)
 
     def _breed(self, census: Mapping[int, Census]) -> None:
         """End a generation and breed the next one from the pool."""
@@ -231,7 +231,7 @@ class ArchipelagoRun:
         self.generations += 1
         self._tell(species=pool.species, **brood.told)
         if self._overview is not None:
-            self._overview.bred(self.now, brood.told.get("traits", {}))
+            self._overview.show_generation(self.now, brood.told.get("traits", {}))
 
     def _tell(self, **words: Any) -> None:
         self._ledger.append(json.dumps({"tick": self.now, **words}))

@@ -51,7 +51,7 @@ def fork(run: Run, at: int, out: Path, change: Change, *, observers: Sequence[Ob
     arrays, values = parts["world"]
     model, state = run.env.world.model, run.env.world.state
     gone = np.unique(np.array([model.slot_of(name, state) for name in change.remove], np.int64))
-    parts["world"] = _changed(run.env, arrays, gone, change.move), values
+    parts["world"] = _change_arrays(run.env, arrays, gone, change.move), values
     forked.schedule.entries = list(run.schedule.entries[: run.schedule.done])
     _become(forked, parts)
     for species, learner in forked.learners.items():  # as if they had died in the last tick
@@ -150,7 +150,7 @@ def _check_changes(before: Scenario, after: Scenario) -> None:
             )
 
 
-def _changed(
+def _change_arrays(
     env: Ecology, arrays: Mapping[str, np.ndarray], gone: Ints, move: Mapping[str, Place]
 ) -> dict[str, np.ndarray]:
     """Return the arrays of a snapshot of `env` without those in the slots `gone` (k,), resources being moved."""

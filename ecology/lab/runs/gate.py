@@ -17,7 +17,7 @@ from pathlib import Path
 from ecology import EcologyError, agents, faults, scenarios
 from ecology.errors import readable
 from ecology.lab.runs import source
-from ecology.lab.runs.trust import File, note, noted
+from ecology.lab.runs.trust import File, note, read_list
 
 IMPORTABLE = tuple(all_suffixes())  # endings of the files that Python imports
 CACHE = "__pycache__"  # Python would run what it finds there in the place of the source
@@ -47,7 +47,7 @@ class Gate:
             return
         beside = [] if copies is None else _check_copies(copies)
         files = list(dict.fromkeys([*_files(named, copies), *beside]))
-        known = noted()
+        known = read_list()
         digests, paths = {each.sha256 for each in known}, {each.path for each in known}
         if copies is not None:
             inside = f"{copies.absolute()}{os.sep}"
@@ -101,7 +101,7 @@ def _check_copies(copies: Path) -> list[File]:
 
     Any of it may be imported, by whatever is imported. Raises EcologyError where some of it was not copied.
     """
-    wanted, found = source.copied(copies), []
+    wanted, found = source.paths_of_copies(copies), []
     if copies.is_symlink():
         raise EcologyError(f"{str(copies)!r} is a link, and not the folder that was written when the run started.")
     for folder, folders, files in os.walk(copies):

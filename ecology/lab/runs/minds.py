@@ -17,7 +17,7 @@ from ecology.observers.panels.decision import decision_text
 SPAN = 100  # ticks that are computed, about half of them before the requested one
 
 
-class Witness(Observer):
+class DecisionRecorder(Observer):
     """Notes every decision of one agent, as the viewer writes it."""
 
     def __init__(self, species: str, serial: int) -> None:
@@ -56,7 +56,7 @@ def decisions(
     run = open_run(folder, trust=trust, say=say)
     first = max(tick - SPAN // 2, 0)
     species, _, serial = who.rpartition("_")
-    witness = Witness(species, int(serial))
-    go_to(run, min(first, run.plan.ticks), [witness])
-    run.live_on(min(first + SPAN, run.plan.ticks), [witness])
-    return {at: text for at, text in witness.texts.items() if at > first}
+    recorder = DecisionRecorder(species, int(serial))
+    go_to(run, min(first, run.plan.ticks), [recorder])
+    run.live_on(min(first + SPAN, run.plan.ticks), [recorder])
+    return {at: text for at, text in recorder.texts.items() if at > first}

@@ -34,8 +34,8 @@ from ecology.lab.runs.folder import (
 from ecology.lab.runs.gate import Gate
 from ecology.lab.runs.interventions import Schedule
 from ecology.lab.runs.run_config import Choice, Plan, read_config, resolve, words_of, world_digest
+from ecology.lab.runs.run_summary import RunSummary
 from ecology.lab.runs.stopping import Interrupt, StoppedError
-from ecology.lab.runs.tally import Tally
 from ecology.lab.runs.world_file import read_world, write_world
 from ecology.observers.base import Observer
 from ecology.observers.control import Control
@@ -75,7 +75,7 @@ class Run:
         if isinstance(self.tick, ScheduledTick):
             loop.follow(self.env, self.learners, self.tick)
         with _room(f"a world of {self.env.size} agents"):
-            self.tally = Tally(self.scenario, self.env, self.learners, every=plan.record_every, last=plan.ticks)
+            self.totals = RunSummary(self.scenario, self.env, self.learners, every=plan.record_every, last=plan.ticks)
         self.stopped_by: str | None = None
         self.control: Control | None = None  # of the pace, where somebody may set it
         self.schedule = Schedule(folder)
@@ -97,7 +97,7 @@ class Run:
 
     def born_and_died(self) -> tuple[list[int], list[int]]:
         """Return how many of each species were born and have died so far."""
-        return self.tally.births.tolist(), self.tally.causes.sum(axis=1).tolist()
+        return self.totals.births.tolist(), self.totals.causes.sum(axis=1).tolist()
 
     def check_folder(self) -> None:
         """Raise EcologyError where the folder already holds a run."""
@@ -160,12 +160,12 @@ class Run:
             raise EcologyError(f"interventions are counted, and species are frozen; got {done!r} and {frozen!r}.")
         self.schedule.done = min(done, len(self.schedule.entries))
         self.frozen = set(frozen)
-        self.tally.restore(*parts["tally"])
+        self.totals.restore(*parts["tally"])
         for species, learner in self.learners.items():
             learner.restore(*parts[f"learner_{species}"])
         self.tick = self.env.restore(*parts["world"])
-        if self.tally.tick != self.now:
-            raise EcologyError(f"the world is at tick {self.now}, its sums at {self.tally.tick}.")
+        if self.totals.tick != self.now:
+            raise EcologyError(f"the world is at tick {self.now}, its sums at {self.totals.tick}.")
 
     def resume(self, *, previous: bool = False) -> None:
         """Go on from the checkpoint (or the previous one), to the plan's ticks.
@@ -177,11 +177,11 @@ class Run:
         if begun or previous or checkpoint.there(self.folder / CHECKPOINT):
             self.restore(previous=previous)
         self._previous = previous
-        if self._ended():
+        if self._has_ended():
             self._longer_than(self.now)
         self._resumed = True
 
-    def _ended(self) -> bool:
+    def _has_ended(self) -> bool:
         """Return whether the summary covers all that the run has done."""
         try:
             told = json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))
@@ -228,7 +228,7 @@ class Run:
 
     def advance(self, ticks: int) -> None:
         """Advance a run in progress by `ticks` ticks."""
-        watchers = (self.tally, *self._observers, self._interrupt)
+        watchers = (self.totals, *self._observers, self._interrupt)
         self.tick = loop.advance(self.env, self.learners, self.tick, ticks, watchers, time.process_time, self._between)
 
     @contextlib.contextmanager
@@ -237,13 +237,13 @@ class Run:
         interrupt = self._interrupt = Interrupt()
         text = self.plan.to_toml()
         check_links(self.folder)
-        with writable(self.folder, self._go_on), self._faults_told(kept=True), contextlib.ExitStack() as at_end:
+        with writable(self.folder, self._go_on), self._explain_faults(kept=True), contextlib.ExitStack() as at_end:
             at_end.enter_context(self._lives(observers))
             self._mailbox = Mailbox(self.folder, DO)
-            first: tuple[Observer, ...] = (interrupt, self.tally)
+            first: tuple[Observer, ...] = (interrupt, self.totals)
             with contextlib.ExitStack() as begun:
                 for watcher in (*first, *observers):  # the last to begin is the first to end
-                    if watcher is self.tally and not self.now:
+                    if watcher is self.totals and not self.now:
                         self.save()  # what is written from here on can be gone on with
                     watcher.begin(self.env, self.learners)
                     begun.callback(watcher.end)
@@ -277,7 +277,7 @@ class Run:
                     self.twin.close()
 
     @contextlib.contextmanager
-    def _faults_told(self, *, kept: bool) -> Iterator[None]:
+    def _explain_faults(self, *, kept: bool) -> Iterator[None]:
         """Add to an exception in a user's own code how far the run got and, where it is `kept`, how to resume it."""
         try:
             yield
@@ -462,7 +462,7 @@ class Run:
         frozen = {"frozen": still} if still else {}
         return {
             "run": ({}, {"words": self._words(), **done, **frozen}),
-            "tally": self.tally.state(),
+            "tally": self.totals.state(),
             "world": self.env.snapshot(),
         } | {f"learner_{species}": learner.state() for species, learner in self.learners.items()}
 
@@ -475,12 +475,12 @@ class Run:
     def live_on(self, at: int, observers: Sequence[Observer] = ()) -> None:
         """Live to the tick `at` and write nothing; StoppedError where a signal came."""
         interrupt = self._interrupt = Interrupt()
-        with self._faults_told(kept=False), contextlib.ExitStack() as at_end:
+        with self._explain_faults(kept=False), contextlib.ExitStack() as at_end:
             at_end.enter_context(self._lives(observers))
             for watcher in (interrupt, *observers):
                 watcher.begin(self.env, self.learners)
                 at_end.callback(watcher.end)
-            watchers = (self.tally, *observers, interrupt)
+            watchers = (self.totals, *observers, interrupt)
             self.tick = loop.advance(self.env, self.learners, self.tick, at - self.now, watchers, between=self._between)
 
     def summary(self) -> dict[str, Any]:
@@ -489,21 +489,21 @@ class Run:
             "scenario": self.plan.scenario,
             "learner": {species: choice.name for species, choice in self.plan.learners.items()},
             "seed": self.plan.seed,
-            "ticks": self.tally.tick,
+            "ticks": self.totals.tick,
         }
         if self.stopped_by is not None:
-            head |= {"stopped_at": self.tally.tick, "stopped_by": self.stopped_by}
+            head |= {"stopped_at": self.totals.tick, "stopped_by": self.stopped_by}
         if self.twin is not None:
             head |= {"fork": self.twin.run.folder.name}
-        if self.tally.tick < self.plan.ticks and self._is_extinct():
-            head |= {"extinct_at": self.tally.tick}
+        if self.totals.tick < self.plan.ticks and self._is_extinct():
+            head |= {"extinct_at": self.totals.tick}
         if self.schedule.done:
             head |= {"interventions": self.schedule.done}
         if self.plan.forked:
             at = self.plan.forked["at"]
-            head |= {"forked_at": at, "mean_drive_since_fork": self.tally.mean_drive(at)}
-            head |= {"mean_own_drive_since_fork": self.tally.mean_drive(at, own=True)}
-        return head | self.tally.summary()
+            head |= {"forked_at": at, "mean_drive_since_fork": self.totals.mean_drive(at)}
+            head |= {"mean_own_drive_since_fork": self.totals.mean_drive(at, own=True)}
+        return head | self.totals.summary()
 
     def _words(self) -> dict[str, Any]:
         """Return what a checkpoint must share with the run that it is restored to, as JSON holds it."""

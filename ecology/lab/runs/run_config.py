@@ -214,12 +214,12 @@ def resolve(
     world = as_island(source.with_origins(scenarios.load(file, **settings), copies), island)
     chosen = _choose_learners(world, words.get("learners", {}), learners)
     ticks = world.ticks if ticks is None else ticks
-    typed = {_placed(word.rpartition("=")[2]) for word in learners}
+    typed = {_full_name(word.rpartition("=")[2]) for word in learners}
     _admit(gate, [name for name, _ in chosen.values() if name not in typed], copies)
-    resolved = _tweaked(chosen, tweaks, copies)
+    resolved = _apply_tweaks(chosen, tweaks, copies)
     _check_device(words.get("device", "cpu"), {source.locate(name, copies) for name, _ in resolved.values()})
     plan = Plan(
-        scenario=_placed(scenario),
+        scenario=_full_name(scenario),
         settings={key: value for key, value in world.settings.items() if key != "ticks"},
         learners={owner: Choice(name=name, settings=own) for owner, (name, own) in resolved.items()},
         ticks=ticks,
@@ -247,13 +247,13 @@ def _choose_learners(
     chosen = {}
     for species in world.species:
         of_config = given.get(species.name, {})
-        default = _placed(species.learner)
-        name = _placed(of_config.get("name", default))
+        default = _full_name(species.learner)
+        name = _full_name(of_config.get("name", default))
         own = of_config.get("settings", species.learner_settings if name == default else {})
         chosen[species.name] = (name, dict(own))
     for word in learners:
         species_name, _, name = word.rpartition("=")
-        name = _placed(name)
+        name = _full_name(name)
         for owner in _owners(species_name, chosen):
             if chosen[owner][0] != name:
                 chosen[owner] = (name, {})
@@ -265,10 +265,10 @@ def _choose_learners(
 def _admit(gate: Gate | None, names: Iterable[str], copies: Path | None) -> None:
     """Ask the gate, if there is one, whether the code of `names` may be run."""
     if gate is not None:
-        gate.admit(map(_placed, names), copies)
+        gate.admit(map(_full_name, names), copies)
 
 
-def _placed(name: str) -> str:
+def _full_name(name: str) -> str:
     """Return the name of a scenario or a learner; where it is a file, by its whole path."""
     return os.path.abspath(name) if source.is_file(name) else name
 
@@ -283,7 +283,7 @@ def _owners(species: str, chosen: Chosen) -> list[str]:
     return [species] if species else list(chosen)
 
 
-def _tweaked(chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None) -> Chosen:
+def _apply_tweaks(chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None) -> Chosen:
     """Return every learner with its defaults filled in and `tweaks` applied."""
     defaults = {owner: agents.settings(source.locate(name, copies)) for owner, (name, _) in chosen.items()}
     full = {owner: (name, {**defaults[owner], **own}) for owner, (name, own) in chosen.items()}
@@ -312,7 +312,7 @@ def _check_device(device: str, learners: Iterable[str]) -> None:
         return
     from ecology.agents.hjb import devices  # slow to load
 
-    devices.check(device)
+    devices.check_device(device)
     if not any(agents.learner_class(name).devices for name in learners):
         able = [name for name in agents.LEARNERS if agents.learner_class(name).devices]
         raise EcologyError(

@@ -132,7 +132,7 @@ def keep(names: Iterable[str], folder: Path, copies: Path | None = None, *, tick
     fresh.rename(target)
 
 
-def copied(copies: Path) -> set[str]:
+def paths_of_copies(copies: Path) -> set[str]:
     """Return what a folder of copies is to hold: the paths in it, those of the list of origins included."""
     return {ORIGINS, *(_read(copies) or {})}
 

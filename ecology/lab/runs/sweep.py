@@ -154,13 +154,13 @@ def _name(varied: Mapping[str, Any], seed: int) -> str:
     return f"{name}_seed={seed}" if name else f"seed={seed}"
 
 
-def finished(cell: Cell) -> dict[str, Any] | None:
+def finished_summary(cell: Cell) -> dict[str, Any] | None:
     """Return the summary of a run that has ended, and is measured if it is to be; else None."""
-    told = lived(cell)
+    told = ended_summary(cell)
     return told if told is not None and (LEARNED in told or not cell.evaluate) else None
 
 
-def lived(cell: Cell) -> dict[str, Any] | None:
+def ended_summary(cell: Cell) -> dict[str, Any] | None:
     """Return the summary of a run that has ended, measured or not; else None."""
     return summary_at(cell.folder, cell.plan.ticks)
 
@@ -175,7 +175,7 @@ def summary_at(folder: Path, ticks: int) -> dict[str, Any] | None:
         return None
 
 
-def check(cell: Cell) -> None:
+def check_cell(cell: Cell) -> None:
     """Raise EcologyError where the folder of a run holds a run with other settings."""
     try:
         with readable("the config", cell.folder / CONFIG):
@@ -274,7 +274,7 @@ def live(
     """
 
     def do(cell: Cell, stop: threading.Event) -> Outcome:
-        return _lived(cell, attempt, stop)
+        return _run_cell(cell, attempt, stop)
 
     schedule(cells, do, workers, tell)
 
@@ -314,7 +314,7 @@ def schedule(
         raise StoppedError(heard[0])
 
 
-def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
+def _run_cell(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
     """Live one run to its end."""
     code, said = 0, ""
     for _ in range(1 + RETRIES):
@@ -329,7 +329,7 @@ def _lived(cell: Cell, attempt: Attempt, stop: threading.Event) -> Outcome:
         except EcologyError as error:
             return Outcome(cell, None, str(error), USER_ERROR)
         code, said = attempt(cell, stop)
-        summary = finished(cell)
+        summary = finished_summary(cell)
         if summary is not None:
             return Outcome(cell, summary)
         if code == 0:
@@ -517,12 +517,12 @@ def sum_up(out: Path, done: Sequence[Outcome], title: str, columns: Sequence[str
     panels = {label(column): found for column in columns if (found := points(ordered, column))}
     if not panels:  # nobody lived
         return [out / TABLE]
-    draw(out / FIGURE, panels, title)
+    draw_sweep(out / FIGURE, panels, title)
     return [out / TABLE, out / FIGURE]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point:
+class SweepPoint:
     """The mean of a column of the table under one choice of settings, over seeds."""
 
     varied: Mapping[str, Any]
@@ -537,7 +537,7 @@ class Point:
         return len(self.values)
 
 
-def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[Point]:
+def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[SweepPoint]:
     """Return the means of a column by what varied, with their 95 % t intervals over seeds."""
     from scipy import stats  # slow to load
 
@@ -553,11 +553,11 @@ def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[Poin
         if n > 1:
             half = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * stats.sem(values)
             low, high = mean - half, mean + half
-        found.append(Point(varied=varied, values=values, mean=mean, low=float(low), high=float(high)))
+        found.append(SweepPoint(varied=varied, values=values, mean=mean, low=float(low), high=float(high)))
     return found
 
 
-def draw(path: Path, panels: Mapping[str, Sequence[Point]], title: str) -> None:
+def draw_sweep(path: Path, panels: Mapping[str, Sequence[SweepPoint]], title: str) -> None:
     """Draw means over the first setting that varies, a line for every choice of the others, a panel for every name."""
     from ecology.observers.plotting import new_figure, save_figure  # slow to load
 
@@ -579,14 +579,14 @@ def draw(path: Path, panels: Mapping[str, Sequence[Point]], title: str) -> None:
     save_figure(figure, path, DPI)
 
 
-def _panel(ax: Any, found: Sequence[Point], axes: Sequence[str], words: Sequence[str]) -> None:
+def _panel(ax: Any, found: Sequence[SweepPoint], axes: Sequence[str], words: Sequence[str]) -> None:
     """Draw the means of one column over the first of `axes`, whose values are `words` where they are no numbers."""
     from ecology.observers.plotting import draw_means, style
 
     first, others = (axes[0], axes[1:]) if axes else ("", [])
     values = [point.varied.get(first, "") for point in found]
     numeric = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
-    lines: dict[str, list[tuple[float, Point]]] = {}
+    lines: dict[str, list[tuple[float, SweepPoint]]] = {}
     for value, point in zip(values, found, strict=True):
         name = ", ".join(f"{axis.removeprefix('set.')} {point.varied[axis]}" for axis in others)
         lines.setdefault(name, []).append((float(value) if numeric else words.index(str(value)), point))

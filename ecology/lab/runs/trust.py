@@ -20,7 +20,7 @@ class File(NamedTuple):
     sha256: str
 
 
-def noted() -> set[File]:
+def read_list() -> set[File]:
     """Return the files that this user has run; none where the list is not there or cannot be read."""
     try:
         lines = _list().read_text(encoding="utf-8", errors="replace").split("\n")
@@ -32,7 +32,7 @@ def noted() -> set[File]:
 
 def note(files: Iterable[File]) -> None:
     """Add files to the list; nothing is added where it cannot be written."""
-    known = noted()
+    known = read_list()
     new = dict.fromkeys(each for each in files if each not in known and "\n" not in each.path)
     if not new:
         return

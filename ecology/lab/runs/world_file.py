@@ -26,7 +26,7 @@ TYPE = "type"  # key of the name of a dataclass
 
 def write_world(folder: Path, scenario: Scenario) -> None:
     """Write the scenario of a run to its folder, as data."""
-    told = {"world": _encoded(scenario), "measures": list(scenario.measures)}
+    told = {"world": _encode(scenario), "measures": list(scenario.measures)}
     replace_text(folder / WORLD, json.dumps(told, allow_nan=False) + "\n")
 
 
@@ -39,7 +39,7 @@ def read_world(folder: Path) -> Scenario | None:
     try:
         with readable("the world of the run", path):
             told = json.loads(path.read_text(encoding="utf-8"))
-        world = _decoded(Scenario, told["world"])
+        world = _decode(Scenario, told["world"])
         if (rows := sum(s.slots for s in world.species) + sum(r.count for r in world.resources)) > MOST:
             raise ValueError(f"a world of {rows} agents and patches")
         return dataclasses.replace(world, measures={str(name): _unknown for name in told["measures"]})
@@ -57,18 +57,18 @@ def _unknown(_: State) -> float:
     return math.nan
 
 
-def _encoded(value: Any) -> Any:
+def _encode(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         names = [field.name for field in dataclasses.fields(value) if field.name not in LEFT_OUT]
-        return {TYPE: type(value).__name__, **{name: _encoded(getattr(value, name)) for name in names}}
+        return {TYPE: type(value).__name__, **{name: _encode(getattr(value, name)) for name in names}}
     if isinstance(value, Mapping):
-        return {str(key): _encoded(each) for key, each in value.items()}
+        return {str(key): _encode(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_encoded(each) for each in value]
+        return [_encode(each) for each in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value  # JSON has no infinity
 
 
-def _decoded(kind: Any, value: Any) -> Any:
+def _decode(kind: Any, value: Any) -> Any:
     """Return what `_encoded` made `value` of, which is of the annotated type `kind`; only known classes are built."""
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (Union, UnionType):
@@ -77,19 +77,19 @@ def _decoded(kind: Any, value: Any) -> Any:
         allowed = {part: _classes(part) for part in parts}
         classes = {each.__name__: each for found in allowed.values() for each in found}
         if isinstance(value, dict) and classes:
-            return _decoded(classes[value[TYPE]], value)
+            return _decode(classes[value[TYPE]], value)
         others = [part for part, found in allowed.items() if part is not NoneType and not found]
-        return _decoded(others[0], value) if len(others) == 1 else _plain(value)
+        return _decode(others[0], value) if len(others) == 1 else _plain(value)
     if dataclasses.is_dataclass(kind):
         cls: Any = kind
         hints = typing.get_type_hints(cls)
         given = {name: part for name, part in value.items() if name != TYPE and name not in LEFT_OUT}
-        return cls(**{name: _decoded(hints[name], part) for name, part in given.items()})
+        return cls(**{name: _decode(hints[name], part) for name, part in given.items()})
     if origin is tuple:
         kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
-        return tuple(_decoded(each, part) for each, part in zip(kinds, value, strict=True))
+        return tuple(_decode(each, part) for each, part in zip(kinds, value, strict=True))
     if isinstance(value, dict):
-        return {name: _decoded(parts[1], part) for name, part in value.items()}
+        return {name: _decode(parts[1], part) for name, part in value.items()}
     return float(value) if kind is float and isinstance(value, str) else _plain(value)
 
 

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.census import Life
+from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import LifePanel, last, time_columns
 from ecology.observers.scene import DEAD, Scene
 
@@ -24,11 +24,11 @@ class Action(LifePanel):
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the actions."""
         words = [a.name for a in self.species.actions]
-        shades = colours.packed(np.array(colours.action_colours(self.scene.scenario, self.species), np.uint8))
+        shades = colours.pack(np.array(colours.action_colours(self.scene.scenario, self.species), np.uint8))
         lane = rr.StateConfiguration(values=words, labels=words, colors=shades)
         rec.log(f"{self.base}/action", lane, static=True)
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw the changes."""
         before = np.concatenate([[self._before], life.action[:-1]])
         self._before = int(life.action[-1])

@@ -16,7 +16,7 @@ from ecology.decision import Decision, Plan
 from ecology.env import Ecology
 from ecology.observers import census, colours, maps
 from ecology.observers.base import Mind
-from ecology.observers.census import Census, Focus, Happening, Life
+from ecology.observers.census import Census, Focus, FocusSamples, Happening
 from ecology.observers.scene import BACKGROUND, DEAD, INK, MAP_SCALE, Scene
 from ecology.spec import Species
 from ecology.state import State
@@ -104,17 +104,17 @@ class Batch:
             found["set_point"] = np.stack([s["set_point"] for s in self.samples])
         return found
 
-    def life(self, name: str) -> Life:
+    def life(self, name: str) -> FocusSamples:
         """Return the life of a species' focus."""
         if name not in self._lives:
             self._lives[name] = self._life(name)
         return self._lives[name]
 
     @functools.cached_property
-    def _lives(self) -> dict[str, Life]:
+    def _lives(self) -> dict[str, FocusSamples]:
         return {}
 
-    def _life(self, name: str) -> Life:
+    def _life(self, name: str) -> FocusSamples:
         group, column = self.scene.groups[name], self.column
         species = self.scene.scenario.species[group.index]
         shown = [s["focus"][name] for s in self.samples]
@@ -122,7 +122,7 @@ class Batch:
         gap = np.where((slot < 0) | [f["anew"] for f in shown], np.nan, 0.0)  # a series breaks between two lives
         many, needs = group.size > 1, len(species.needs)
         moving = "set_point" in column
-        return Life(
+        return FocusSamples(
             tick=column["tick"],
             time=column["time"],
             internal=column["internal"][n, slot][:, :needs] + gap[:, None],
@@ -209,7 +209,7 @@ class LifePanel(Panel):
         """Draw the life that the samples hold."""
         self.draw_life(rec, batch.life(self.name))
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw a life."""
         return
 
@@ -348,7 +348,7 @@ class Ends:
             scalars(rec, self._entity, time_columns(ticks[:1], times[:1]), np.array([ends]))
 
 
-def called(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
+def name_shades(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
     """Return a legend in words: "f orange, J blue"."""
     return ", ".join(f"{word} {colours.colour_name(shade)}" for word, shade in zip(words, shades, strict=False))
 

@@ -6,7 +6,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.census import Life
+from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
 
 
@@ -19,7 +19,7 @@ class Deviation(LifePanel):
         shades = [colours.need_colour(i) for i in range(len(needs))]
         series(rec, f"{self.base}/deviation", [need.name for need in needs], shades)
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw them."""
         scalars(rec, f"{self.base}/deviation", time_columns(life.tick, life.time), life.internal - life.target)
 

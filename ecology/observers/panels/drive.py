@@ -7,8 +7,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.census import Life
-from ecology.observers.panels.base import Ends, LifePanel, called, plot, scalars, series, time_columns
+from ecology.observers.census import FocusSamples
+from ecology.observers.panels.base import Ends, LifePanel, name_shades, plot, scalars, series, time_columns
 from ecology.observers.scene import Scene
 
 TALL = 150  # points, of the plot on a small screen
@@ -34,7 +34,7 @@ class Drive(LifePanel):
         felt = [colours.PALETTE[1], colours.PALETTE[5]] * feels
         return words, [(240, 240, 240), *felt, colours.PALETTE[0]]
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw them."""
         parts = [life.drive, *([] if life.own is None else [life.own, life.drive - life.own])]
         parts += [] if life.mean is None else [life.mean]
@@ -52,5 +52,5 @@ class Drive(LifePanel):
         if len(words) == 1:
             return [plot(f"/{self.base}/drive", title)]
         # a narrow tab would cut off the colours: they stand below it
-        told = called(short[1:], shades[1:]).replace("light blue", "blue")
+        told = name_shades(short[1:], shades[1:]).replace("light blue", "blue")
         return [rrb.Vertical(plot(f"/{self.base}/drive", told), name=title)]

@@ -27,7 +27,7 @@ class Drives(Panel):
         """Name and colour the curves."""
         names, shades = list(self._shown), [self.scene.colour(name) for name in self._shown]
         words = [word for n in names for word in (n, f"{n} - sd", f"{n} + sd")]
-        thrice = [each for shade in shades for each in (shade, *[colours.shaded(shade, 0.55)] * 2)]
+        thrice = [each for shade in shades for each in (shade, *[colours.darken(shade, 0.55)] * 2)]
         series(rec, "population/drive", words, thrice, [2.0, 0.8, 0.8] * len(names))
         self._ends.open(rec)
 

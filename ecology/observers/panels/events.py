@@ -54,7 +54,7 @@ class Events(Panel):
 
     def _write(self, rec: rr.RecordingStream, name: str, rows: list[tuple[int, float, str, str]]) -> None:
         ticks, nows, kinds, texts = zip(*rows, strict=True)
-        shades = colours.packed(np.array([MARKED.get(kind, FAINT) for kind in kinds], np.uint8))
+        shades = colours.pack(np.array([MARKED.get(kind, FAINT) for kind in kinds], np.uint8))
         if name == "interventions":
             shades = np.full(len(rows), DEED, np.uint32)
         told = [f"{tick:,}  {words}" for tick, words in zip(ticks, texts, strict=True)]

@@ -20,7 +20,7 @@ class Expectation(Panel):
 
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
-        self._past = census.Past()
+        self._past = census.Expectations()
 
     def is_there(self) -> bool:
         """Return whether the mind of the species shows its decisions."""

@@ -27,7 +27,7 @@ class Flow(Panel):
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the curves."""
         names, shades = list(self.scene.groups), [self.scene.colour(name) for name in self.scene.groups]
-        dim = [colours.shaded(shade, 0.55) for shade in shades]
+        dim = [colours.darken(shade, 0.55) for shade in shades]
         words = [f"{n} born" for n in names] + [f"{n} died" for n in names]
         series(rec, "population/flow", words, shades + dim, steps=True)
 

@@ -97,7 +97,7 @@ class Futures(Panel):
 
     def _shades(self, name: str) -> list[colours.Colour]:
         alone = len(self.scene.groups) == 1
-        return [self.scene.colour(name), colours.PALETTE[1] if alone else colours.shaded(self.scene.colour(name), 0.6)]
+        return [self.scene.colour(name), colours.PALETTE[1] if alone else colours.darken(self.scene.colour(name), 0.6)]
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw the comparisons."""

@@ -44,9 +44,9 @@ class Reported(Panel):
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""
-        scalars(rec, self.entity, batch.times, self.drawn(np.stack(batch.of(self))))
+        scalars(rec, self.entity, batch.times, self.scale(np.stack(batch.of(self))))
 
-    def drawn(self, value: np.ndarray) -> np.ndarray:
+    def scale(self, value: np.ndarray) -> np.ndarray:
         """Return what is drawn of the numbers (n, K)."""
         return value
 
@@ -56,7 +56,7 @@ class Losses(Reported):
 
     part = "losses"
 
-    def drawn(self, value: np.ndarray) -> np.ndarray:
+    def scale(self, value: np.ndarray) -> np.ndarray:
         """Return log10 of the losses."""
         return np.log10(np.where(value > 0, value, np.nan))
 

@@ -31,14 +31,14 @@ class Maps(Panel):
         """Return the maps (k, rows, columns) where they are due."""
         every = self.scene.maps_every  # at its multiples, also in a run that is resumed between two of them
         due = watch.turned or watch.state.tick // every > self._last // every
-        return self._mapped(watch) if due else None
+        return self._map(watch) if due else None
 
     def final(self, watch: Watch) -> Any:
         """Return the maps as they are at the end."""
         state = watch.state
-        return self._mapped(watch) if state.tick > self._last and state.tick % self.scene.every == 0 else None
+        return self._map(watch) if state.tick > self._last and state.tick % self.scene.every == 0 else None
 
-    def _mapped(self, watch: Watch) -> np.ndarray | None:
+    def _map(self, watch: Watch) -> np.ndarray | None:
         self._last = watch.state.tick
         group, row = self.scene.groups[self.name], watch.row(self.name)
         if row < 0:

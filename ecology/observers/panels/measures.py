@@ -26,7 +26,7 @@ class Measures(Panel):
 
     def sample(self, watch: Watch) -> Any:
         """Return their values, (K,)."""
-        return census.measured(watch.env.scenario, watch.state)
+        return census.measure_world(watch.env.scenario, watch.state)
 
     def open(self, rec: rr.RecordingStream) -> None:
         """Name and colour the curves."""

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.census import Life
+from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import (
     NO_LEGEND,
     STATE_TICKS,
@@ -37,7 +37,7 @@ class Needs(LifePanel):
             lines += [colours.need_colour(i), INK, FAINT, FAINT]
         series(rec, f"{self.base}/needs", words, lines, [2.0, 1.0, 1.0, 1.0] * len(needs))
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw them."""
         x, n = life.internal, len(life.tick)
         bounds = np.array([(need.low, need.bounds[1]) for need in self.species.needs])

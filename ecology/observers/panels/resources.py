@@ -51,7 +51,7 @@ class Resources(Panel):
         # a dark rim, so that a circle stands out from a map of its own colour
         rim = rr.Ellipses2D.from_fields(colors=[BACKGROUND], line_radii=rr.Radius.ui_points(3.0), draw_order=7)
         rec.log("world/resources/rim", rim, static=True)
-        full = rr.Points2D.from_fields(colors=[colours.shaded(s, 0.5) for s in each], draw_order=6)
+        full = rr.Points2D.from_fields(colors=[colours.darken(s, 0.5) for s in each], draw_order=6)
         rec.log("world/resources/stock", full, static=True)
         for k in self._everywhere:
             self._flood(rec, kinds[k].name, shades[k])
@@ -68,7 +68,7 @@ class Resources(Panel):
         """Lay the colour of a resource that is everywhere on the floor."""
         fine = maps.cover(self.scene.scenario.arena, FINE)
         image = np.zeros((*fine.inside.shape, 4), np.uint8)
-        image[fine.inside] = (*colours.shaded(shade, 0.5), OPAQUE)
+        image[fine.inside] = (*colours.darken(shade, 0.5), OPAQUE)
         entity = f"world/resources/everywhere/{name}"
         lay(rec, entity, fine.corner, (fine.cell, fine.cell))
         rec.log(entity, rr.Image(image, draw_order=-25), static=True)

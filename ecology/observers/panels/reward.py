@@ -6,7 +6,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.census import Life
+from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
 
 
@@ -17,7 +17,7 @@ class Reward(LifePanel):
         """Name and colour the curve."""
         series(rec, f"{self.base}/reward", ["reward"], [colours.PALETTE[1]])
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw it, where it is known."""
         if life.reward is not None:
             scalars(rec, f"{self.base}/reward", time_columns(life.tick, life.time), life.reward[:, None])

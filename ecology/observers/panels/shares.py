@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from ecology import physiology
 from ecology.observers import colours
-from ecology.observers.census import Life
+from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
 from ecology.spec import Species
 
@@ -22,7 +22,7 @@ class Shares(LifePanel):
         shades = [colours.need_colour(i) for i in range(len(needs))]
         series(rec, f"{self.base}/shares", [need.name for need in needs], shades)
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw them."""
         scalars(
             rec,

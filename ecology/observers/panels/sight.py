@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from ecology.observers.census import Life
+from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import LifePanel, time_columns
 from ecology.observers.scene import FAINT, INK
 
@@ -26,7 +26,7 @@ class Sight(LifePanel):
         label = rr.Points2D.from_fields(radii=1e-4, colors=[INK], show_labels=True, draw_order=30)
         rec.log(f"world/{self.base}/name", label, static=True)
 
-    def draw_life(self, rec: rr.RecordingStream, life: Life) -> None:
+    def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw the view field and the lines of sight, and the name of one of several."""
         times, strips, lengths = time_columns(life.tick, life.time), [], []
         for at, outline, sight in zip(life.place, life.field, life.sight, strict=True):

@@ -23,7 +23,7 @@ class Trails(Panel):
         super().__init__(scene, name)
         self._steps: list[np.ndarray] = []
 
-    def _placed(self, watch: Watch) -> np.ndarray:
+    def _places(self, watch: Watch) -> np.ndarray:
         """Return where those with a trail are, (k, 2): every slot, or the focus; the dead are nowhere."""
         state = watch.state
         if self.scene.few:
@@ -36,18 +36,18 @@ class Trails(Panel):
     def follow(self, watch: Watch) -> None:
         """Note a tick between two samples."""
         if not watch.sampled:
-            self._steps.append(self._placed(watch))
+            self._steps.append(self._places(watch))
 
     def sample(self, watch: Watch) -> Any:
         """Return the places since the last sample, (ticks, k, 2)."""
-        found = np.stack([*self._steps, self._placed(watch)])
+        found = np.stack([*self._steps, self._places(watch)])
         self._steps = []
         return found
 
     def open(self, rec: rr.RecordingStream) -> None:
         """Give it its size and colour."""
         colour, radius = self.scene.colour(self.name), self.scene.radius(self.species)
-        trail = rr.Points2D.from_fields(radii=0.25 * radius, colors=[colours.shaded(colour, 0.6)], draw_order=10)
+        trail = rr.Points2D.from_fields(radii=0.25 * radius, colors=[colours.darken(colour, 0.6)], draw_order=10)
         rec.log(f"world/trail/{self.name}", trail, static=True)
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:

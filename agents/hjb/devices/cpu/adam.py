@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ecology.agents.hjb.devices import records
-from ecology.agents.hjb.devices.cpu.arithmetic import FEW, ONE, ZERO, F, shaped
+from ecology.agents.hjb.devices.cpu.arithmetic import FEW, ONE, ZERO, F, reshape
 from ecology.agents.hjb.devices.cpu.compiler import within
-from ecology.agents.hjb.devices.cpu.llvm import fetch, fused
+from ecology.agents.hjb.devices.cpu.llvm import fetch, multiply_and_add
 
 BETA1, BETA2 = F(records.BETA1), F(records.BETA2)
 LINE = 16  # numbers in a line of the cache
@@ -35,15 +35,15 @@ class Extent(NamedTuple):
 
 
 @within
-def moved(w, g, m, v, size, floor):
+def move(w, g, m, v, size, floor):
     """Return one weight and its moments after a step of Adam (Kingma and Ba 2015) along its gradient g."""
-    first = fused(ONE - BETA1, g - m, m)
-    second = fused(BETA2, v, (ONE - BETA2) * g * g)
+    first = multiply_and_add(ONE - BETA1, g - m, m)
+    second = multiply_and_add(BETA2, v, (ONE - BETA2) * g * g)
     return w - size * first / (math.sqrt(second) + floor), first, second
 
 
 @within
-def corrected(rate, steps):
+def correct(rate, steps):
     """Return the size and the floor of an Adam step, corrected for moments that began at zero."""
     correction = math.sqrt(1.0 - 0.999**steps)
     return F(rate * correction / (1.0 - 0.9**steps)), F(1e-8 * correction)
@@ -54,7 +54,7 @@ def adam(row, g, start, stop, size, floor):
     """Move the weights from `start` to `stop` by one step of Adam along the gradient g (P,)."""
     w, g, m, v = row.w[start:stop], g[start:stop], row.first[start:stop], row.second[start:stop]
     for i in range(len(w)):
-        w[i], m[i], v[i] = moved(w[i], g[i], m[i], v[i], size, floor)
+        w[i], m[i], v[i] = move(w[i], g[i], m[i], v[i], size, floor)
 
 
 @within
@@ -76,7 +76,7 @@ def adam_across(row, start, x, up, size, floor, soon):
             fetch(v, h + SOON)
         wk, mk, vk = w[here : here + width], m[here : here + width], v[here : here + width]
         for h in range(width):
-            wk[h], mk[h], vk[h] = moved(wk[h], x0 * up0[h] + x1 * up1[h], mk[h], vk[h], size, floor)
+            wk[h], mk[h], vk[h] = move(wk[h], x0 * up0[h] + x1 * up1[h], mk[h], vk[h], size, floor)
 
 
 @within
@@ -91,13 +91,13 @@ def step(s, row, g, rate, extent, trained, scratch, soon):
     last = ends + width + width * width + width
     outputs = (len(row.w) - last) // (width + 1)
     row.steps[0] += 1
-    size, floor = corrected(rate, row.steps[0])
+    size, floor = correct(rate, row.steps[0])
     if extent.rows > FEW:
         adam(row, g, np.int64(0), extent.used * width, size, floor)
         adam(row, g, ends, last, size, floor)
     else:
-        x, hidden = shaped(scratch.inputs, extent.rows, extent.used), shaped(scratch.second, extent.rows, width)
-        up1, up2 = shaped(scratch.third, extent.rows, width), shaped(scratch.fourth, extent.rows, width)
+        x, hidden = reshape(scratch.inputs, extent.rows, extent.used), reshape(scratch.second, extent.rows, width)
+        up1, up2 = reshape(scratch.third, extent.rows, width), reshape(scratch.fourth, extent.rows, width)
         adam_across(row, np.int64(0), x, up1, size, floor, soon)
         adam(row, g, ends, ends + width, size, floor)
         adam_across(row, ends + width, hidden, up2, size, floor, soon)
@@ -106,6 +106,6 @@ def step(s, row, g, rate, extent, trained, scratch, soon):
     for o in range(len(trained)):
         if trained[o]:
             row.steps[1 + o] += 1
-            size, floor = corrected(rate, row.steps[1 + o])
+            size, floor = correct(rate, row.steps[1 + o])
             adam(row, g, last + o * each * width, last + (o + 1) * each * width, size, floor)
             adam(row, g, biases + o * each, biases + (o + 1) * each, size, floor)

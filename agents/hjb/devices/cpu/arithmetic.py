@@ -12,7 +12,7 @@ import numpy as np
 
 from ecology.agents.hjb.devices import records
 from ecology.agents.hjb.devices.cpu.compiler import within
-from ecology.agents.hjb.devices.cpu.llvm import LANES, ROWS, dot, fused, matrix, strip_of_one, strip_of_rows
+from ecology.agents.hjb.devices.cpu.llvm import LANES, ROWS, dot, matrix, multiply_and_add, strip_of_one, strip_of_rows
 from ecology.elementary import power
 
 F = np.float32
@@ -73,7 +73,7 @@ def multiply(a, b, out):
 
 
 @within
-def turned_over(w):
+def transpose(w):
     """Return w (k, H) as (H, k), rows without gaps."""
     found = np.empty((w.shape[1], w.shape[0]), F)
     for k in range(w.shape[0]):
@@ -85,11 +85,13 @@ def turned_over(w):
 @within
 def exp32(x):
     """Return e^x for x > -87 within 3e-7 of itself, in instructions that vectorise."""
-    biased = np.int32(fused(x, LOG2E, HALF) + BIAS)  # the exponent of the result, as float32 holds it
+    biased = np.int32(multiply_and_add(x, LOG2E, HALF) + BIAS)  # the exponent of the result, as float32 holds it
     n = F(biased) - BIAS
-    r = fused(-n, LN2_LOW, fused(-n, LN2_HIGH, x))
-    p = fused(fused(fused(fused(fused(E6, r, E5), r, E4), r, E3), r, E2), r, E1)
-    return (fused(p, r * r, r) + ONE) * np.int32(biased << np.int32(23)).view(F)
+    r = multiply_and_add(-n, LN2_LOW, multiply_and_add(-n, LN2_HIGH, x))
+    p = multiply_and_add(
+        multiply_and_add(multiply_and_add(multiply_and_add(multiply_and_add(E6, r, E5), r, E4), r, E3), r, E2), r, E1
+    )
+    return (multiply_and_add(p, r * r, r) + ONE) * np.int32(biased << np.int32(23)).view(F)
 
 
 @within
@@ -106,13 +108,13 @@ def copy(source, target):
 
 
 @within
-def shaped(flat, rows, columns):
+def reshape(flat, rows, columns):
     """Return the beginning of a flat array as (rows, columns)."""
     return matrix(flat, 0, rows, columns)
 
 
 @within
-def raised(x, exponent):
+def raise_to(x, exponent):
     """Return x^exponent of x > 0."""
     if exponent == HALF:
         return math.sqrt(x)
@@ -126,7 +128,7 @@ def output(row, w, b):
         return dot(w, row) + b
     total = ZERO
     for h in range(len(row)):
-        total = fused(w[h], row[h], total)
+        total = multiply_and_add(w[h], row[h], total)
     return total + b
 
 
@@ -134,7 +136,7 @@ def output(row, w, b):
 def product_back(g, w, out):
     """Fill out (b, k) with g (b, H) times the transpose of w (k, H)."""
     if len(g) > FEW:
-        multiply(g, turned_over(w), out)
+        multiply(g, transpose(w), out)
         return
     for r in range(len(g)):
         for k in range(len(w)):

@@ -21,12 +21,21 @@ from ecology.agents.hjb.devices.base import HostDevice
 from ecology.agents.hjb.devices.cpu.arithmetic import LONGEST, F, output, scratch_for
 from ecology.agents.hjb.devices.cpu.compiler import compiled
 from ecology.agents.hjb.devices.cpu.first_order import slopes
-from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrowed, control_word, keep_alive, set_control_word
+from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrow, control_word, keep_alive, set_control_word
 from ecology.agents.hjb.devices.cpu.lookahead import beam_for, look_ahead
-from ecology.agents.hjb.devices.cpu.networks import deviations, forecast, hidden, inputs_of, layers
+from ecology.agents.hjb.devices.cpu.networks import deviations, forecast, hidden_layer, inputs_of, layers
 from ecology.agents.hjb.devices.cpu.scores import scores
 from ecology.agents.hjb.devices.cpu.update import agent_of, update
-from ecology.agents.hjb.devices.records import Encoding, Lookahead, Past, Replay, Sampling, Trace, Training, Weights
+from ecology.agents.hjb.devices.records import (
+    Encoding,
+    Lookahead,
+    RecalledErrors,
+    Replay,
+    Sampling,
+    Trace,
+    Training,
+    Weights,
+)
 from ecology.machine import count_cpus
 
 CROWD = 8  # agents from which on work is split over threads
@@ -68,8 +77,8 @@ class Cpu(HostDevice):
         self._share(work, len(slots))
         return out
 
-    def expected(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
-        return expected(self.encoding, weights, slots, zeta, movement)
+    def expect(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
+        return expect(self.encoding, weights, slots, zeta, movement)
 
     def update(  # noqa: D102
         self, weights: Weights, replay: Replay, sampling: Sampling, training: Training, lookahead: Lookahead
@@ -109,7 +118,7 @@ def decide(s, weights, slots, zeta, open_, out):
     word = control_word()
     set_control_word(word | ZEROED)
     kept = scratch
-    s, weights, scratch = borrowed(s), borrowed(weights), borrowed(scratch)
+    s, weights, scratch = borrow(s), borrow(weights), borrow(scratch)
     for r in range(len(slots)):
         i = slots[r]
         own = agent_of(weights, i, weights.target[i], weights.optimism[i])
@@ -131,12 +140,12 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
     word = control_word()
     set_control_word(word | ZEROED)
     kept = scratch, beam
-    replay, trace = borrowed(memory[0]), borrowed(memory[1])
-    s, weights, scratch, beam = borrowed(s), borrowed(weights), borrowed(scratch), borrowed(beam)
+    replay, trace = borrow(memory[0]), borrow(memory[1])
+    s, weights, scratch, beam = borrow(s), borrow(weights), borrow(scratch), borrow(beam)
     for r in range(len(slots)):
         i = slots[r]
         own = agent_of(weights, i, weights.target[i], weights.optimism[i])
-        past = Past(
+        past = RecalledErrors(
             trace.where[i],
             trace.movement[i],
             trace.error[i],
@@ -153,7 +162,7 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
 
 
 @compiled
-def expected(s, weights, slots, zeta, movement):
+def expect(s, weights, slots, zeta, movement):
     """Return what f predicts (k, D + 1) of one movement each (k,) of the agents `slots` (k,) at zeta (k, D)."""
     parts = zeta.shape[1]
     inputs = inputs_of(s, weights)
@@ -162,7 +171,7 @@ def expected(s, weights, slots, zeta, movement):
     for r in range(len(slots)):
         i = slots[r]
         own = agent_of(weights, i, weights.target[i], weights.optimism[i])
-        second = hidden(s, own, zeta[r : r + 1], scratch)
+        second = hidden_layer(s, own, zeta[r : r + 1], scratch)
         _, _, _, _, w3, b3 = layers(own.f, inputs, s.width)
         o = movement[r] * (parts + 1)
         for v in range(parts + 1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ecology.agents.hjb.devices import records
-from ecology.agents.hjb.devices.cpu.arithmetic import HALF, ONE, ZERO, F, exp32, raised
+from ecology.agents.hjb.devices.cpu.arithmetic import HALF, ONE, ZERO, F, exp32, raise_to
 from ecology.agents.hjb.devices.cpu.compiler import within
 from ecology.elementary import cosine_and_sine
 
@@ -13,19 +13,19 @@ SILENT = F(records.SILENT)
 
 
 @within
-def bent_square(s, y, v):
+def part_of_bent_drive(s, y, v):
     """Return |b y|^n, the part that the deviation y of component v has in a drive that is not the paper's."""
     size = y * s.above[v] if y > ZERO else -y
-    return raised(size, s.power) if size > ZERO else ZERO
+    return raise_to(size, s.power) if size > ZERO else ZERO
 
 
 @within
-def bent_slope(s, y, v):
+def slope_of_bent_drive(s, y, v):
     """Return the slope of `bent_square` along y, divided by n."""
     size = y * s.above[v] if y > ZERO else -y
     if size <= ZERO:
         return ZERO
-    steep = raised(size, s.power - ONE)
+    steep = raise_to(size, s.power - ONE)
     return steep * s.above[v] if y > ZERO else -steep
 
 
@@ -37,9 +37,9 @@ def drive(s, zeta, mixed):
         mixed[s.mix_to[e]] += s.mix_weight[e] * zeta[s.mix_from[e]]
     total, felt = s.epsilon, ZERO
     for v in range(len(mixed)):
-        total += bent_square(s, mixed[v], v) if s.bent else mixed[v] * mixed[v]
+        total += part_of_bent_drive(s, mixed[v], v) if s.bent else mixed[v] * mixed[v]
         felt += s.felt[v] * zeta[v]
-    return raised(total, s.root) + felt
+    return raise_to(total, s.root) + felt
 
 
 @within

@@ -16,13 +16,13 @@ from ecology.agents.hjb.devices.cpu.arithmetic import (
     multiply,
     output,
     product_back,
-    raised,
-    shaped,
+    raise_to,
+    reshape,
     sigmoid,
 )
 from ecology.agents.hjb.devices.cpu.compiler import inlined, within
-from ecology.agents.hjb.devices.cpu.encoding import bent_slope, bent_square, drive, features
-from ecology.agents.hjb.devices.cpu.networks import hidden, inputs_of, layers
+from ecology.agents.hjb.devices.cpu.encoding import drive, features, part_of_bent_drive, slope_of_bent_drive
+from ecology.agents.hjb.devices.cpu.networks import hidden_layer, inputs_of, layers
 
 
 @within
@@ -31,12 +31,12 @@ def add_drive_slope(s, zeta, mixed, slope):
     drive(s, zeta, mixed)
     total = s.epsilon
     for v in range(len(mixed)):
-        total += bent_square(s, mixed[v], v) if s.bent else mixed[v] * mixed[v]
+        total += part_of_bent_drive(s, mixed[v], v) if s.bent else mixed[v] * mixed[v]
         slope[v] += s.felt[v]
-    factor = s.exponent * raised(total, s.root - ONE)
+    factor = s.exponent * raise_to(total, s.root - ONE)
     if s.bent:
         for v in range(len(mixed)):
-            mixed[v] = bent_slope(s, mixed[v], v)
+            mixed[v] = slope_of_bent_drive(s, mixed[v], v)
     for e in range(len(s.mix_from)):
         slope[s.mix_from[e]] += factor * mixed[s.mix_to[e]] * s.mix_weight[e]
 
@@ -47,10 +47,10 @@ def slopes(s, own, zeta, scratch):
     base, rows, width = len(s.plain) + 2 * len(s.angle), len(zeta), s.width
     k = base + own.cells
     w1, b1, w2, b2, w3, _ = layers(own.J, inputs_of(s, own), width)
-    x = shaped(scratch.inputs, rows, k)
+    x = reshape(scratch.inputs, rows, k)
     features(s, zeta, own.centres, x)
-    z1, h1 = shaped(scratch.first, rows, width), shaped(scratch.second, rows, width)
-    z2, back = shaped(scratch.third, rows, width), shaped(scratch.fourth, rows, width)
+    z1, h1 = reshape(scratch.first, rows, width), reshape(scratch.second, rows, width)
+    z2, back = reshape(scratch.third, rows, width), reshape(scratch.fourth, rows, width)
     multiply(x, w1[:k], z1)
     for r in range(rows):
         for h in range(width):
@@ -68,7 +68,7 @@ def slopes(s, own, zeta, scratch):
             z = z1[r, h]
             g = sigmoid(z)
             back[r, h] *= g * (ONE + z * (ONE - g))
-    towards = shaped(scratch.inputs, 2 * rows, k)[rows:]
+    towards = reshape(scratch.inputs, 2 * rows, k)[rows:]
     product_back(back, w1[:k], towards)
     for r in range(rows):
         pull_back(s, own, zeta[r], x[r], towards[r], scratch.slope[r])
@@ -99,9 +99,9 @@ def first_order_scores(s, own, zeta, open_, scratch, out):
     """Fill out (b, M) with d + dJ/dzeta . f of the open movements at zeta (b, D), infinity for the others."""
     rows, parts = zeta.shape
     slopes(s, own, zeta, scratch)
-    second = hidden(s, own, zeta, scratch)
+    second = hidden_layer(s, own, zeta, scratch)
     _, _, _, _, w3, b3 = layers(own.f, inputs_of(s, own), s.width)
-    raw = shaped(scratch.outputs, rows, len(w3))
+    raw = reshape(scratch.outputs, rows, len(w3))
     if rows > FEW:
         product_back(second, w3, raw)
     ahead = scratch.ahead[0]
@@ -125,10 +125,10 @@ def first_order_scores(s, own, zeta, open_, scratch, out):
 
 
 @inlined
-def executed(s, own, zeta, movement, scratch, pace):
+def executed_pace(s, own, zeta, movement, scratch, pace):
     """Fill pace (b, D) with f, per unit of time, of the movement executed at each zeta (b, D)."""
     parts = zeta.shape[1]
-    second = hidden(s, own, zeta, scratch)
+    second = hidden_layer(s, own, zeta, scratch)
     _, _, _, _, w3, b3 = layers(own.f, inputs_of(s, own), s.width)
     for r in range(len(zeta)):
         o = max(movement[r], 0) * (parts + 1)

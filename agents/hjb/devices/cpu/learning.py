@@ -18,13 +18,13 @@ from ecology.agents.hjb.devices.cpu.arithmetic import (
     multiply,
     output,
     product_back,
-    shaped,
+    reshape,
     sum_rows,
 )
 from ecology.agents.hjb.devices.cpu.compiler import inlined, within
 from ecology.agents.hjb.devices.cpu.encoding import drive, features
 from ecology.agents.hjb.devices.cpu.first_order import activate_tangents, add_climb, deactivate_tangents, tangents
-from ecology.agents.hjb.devices.cpu.networks import hidden, inputs_of, layers
+from ecology.agents.hjb.devices.cpu.networks import hidden_layer, inputs_of, layers
 
 
 @within
@@ -79,9 +79,9 @@ def learn_f(s, own, sample, scratch, g):
     inputs = inputs_of(s, own)
     _, _, w2, _, w3, b3 = layers(own.f, inputs, width)
     g1, gb1, g2, gb2, g3, gb3 = layers(g, inputs, width)
-    h2 = hidden(s, own, zeta, scratch)
-    x, h1 = shaped(scratch.inputs, rows, k), shaped(scratch.second, rows, width)
-    back1, back2 = shaped(scratch.third, rows, width), shaped(scratch.fourth, rows, width)
+    h2 = hidden_layer(s, own, zeta, scratch)
+    x, h1 = reshape(scratch.inputs, rows, k), reshape(scratch.second, rows, width)
+    back1, back2 = reshape(scratch.third, rows, width), reshape(scratch.fourth, rows, width)
     known = 0
     for r in range(rows):
         known += movement[r] >= 0
@@ -138,9 +138,9 @@ def learn_j(s, own, sample, scratch, g):
     rows = 2 * b if printed else b  # the states, and below them their tangents
     w1, b1, w2, b2, w3, b3 = layers(own.J, inputs, width)
     g1, gb1, g2, gb2, g3, gb3 = layers(g, inputs, width)
-    x = shaped(scratch.inputs, rows, k)
-    z1, h1 = shaped(scratch.first, rows, width), shaped(scratch.second, rows, width)
-    z2, h2 = shaped(scratch.third, rows, width), shaped(scratch.fourth, rows, width)
+    x = reshape(scratch.inputs, rows, k)
+    z1, h1 = reshape(scratch.first, rows, width), reshape(scratch.second, rows, width)
+    z2, h2 = reshape(scratch.third, rows, width), reshape(scratch.fourth, rows, width)
     features(s, zeta, own.centres, x[:b])
     if printed:
         tangents(s, own, zeta, x[:b], pace, x[b:])

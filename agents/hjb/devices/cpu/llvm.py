@@ -23,7 +23,7 @@ ZEROED = np.uint32(0x8040)  # bits of its control word: subnormal numbers, read 
 
 
 @lowered
-def borrowed(_, group):  # type: ignore[no-untyped-def]
+def borrow(_, group):  # type: ignore[no-untyped-def]
     """Return a tuple with its arrays as views that count no references.
 
     The count is an atomic operation, for which a core waits until all memory that it has asked for is there;
@@ -129,7 +129,7 @@ def _transfer(builder: Any, instruction: str, word: Any = None) -> Any:
 
 
 @lowered
-def fused(_, a, b, c):  # type: ignore[no-untyped-def]
+def multiply_and_add(_, a, b, c):  # type: ignore[no-untyped-def]
     """Return a b + c, rounded once, for float32: the same on every processor."""
 
     def multiply_add(_context, builder, _, args):  # type: ignore[no-untyped-def]

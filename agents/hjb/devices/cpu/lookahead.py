@@ -18,12 +18,12 @@ from ecology.agents.hjb.devices.cpu.arithmetic import (
     copy,
     exp32,
     product_back,
-    shaped,
+    reshape,
 )
 from ecology.agents.hjb.devices.cpu.compiler import inlined, within
 from ecology.agents.hjb.devices.cpu.encoding import drive
-from ecology.agents.hjb.devices.cpu.networks import deviations, hidden, inputs_of, layers
-from ecology.agents.hjb.devices.cpu.scores import optimistic
+from ecology.agents.hjb.devices.cpu.networks import deviations, hidden_layer, inputs_of, layers
+from ecology.agents.hjb.devices.cpu.scores import add_optimism
 
 PRIOR, FADING, STALE, FAINT = F(records.PRIOR), F(records.FADING), F(records.STALE), F(records.FAINT)
 
@@ -134,7 +134,7 @@ def look_ahead(s, own, past, zeta, open_, scratch, beam, out):
     for level in range(s.depth):
         count = expand(s, own, past, level, nodes, scratch, beam)
         deviations(s, own, beam.next_state[:count], scratch)
-        optimistic(s, own, beam.next_state[:count], scratch.outputs)
+        add_optimism(s, own, beam.next_state[:count], scratch.outputs)
         for c in range(count):
             beam.score[c] = beam.next_cost[c] + beam.next_keep[c] * scratch.outputs[c]
         if level == s.depth - 1:
@@ -150,9 +150,9 @@ def look_ahead(s, own, past, zeta, open_, scratch, beam, out):
 def expand(s, own, past, level, nodes, scratch, beam):
     """Predict the successors of the first `nodes` states of the beam; return how many there are."""
     parts = beam.state.shape[1]
-    second = hidden(s, own, beam.state[:nodes], scratch)
+    second = hidden_layer(s, own, beam.state[:nodes], scratch)
     _, _, _, _, w3, b3 = layers(own.f, inputs_of(s, own), s.width)
-    raw = shaped(scratch.outputs, nodes, len(w3))
+    raw = reshape(scratch.outputs, nodes, len(w3))
     product_back(second, w3, raw)
     count = 0
     for r in range(nodes):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecology.agents.hjb.devices.cpu.arithmetic import output, product_back, relu_layer, shaped, silu_layer
+from ecology.agents.hjb.devices.cpu.arithmetic import output, product_back, relu_layer, reshape, silu_layer
 from ecology.agents.hjb.devices.cpu.compiler import within
 from ecology.agents.hjb.devices.cpu.encoding import drive, features
 from ecology.agents.hjb.devices.cpu.llvm import matrix
@@ -34,7 +34,7 @@ def inputs_of(s, weights):
 
 
 @within
-def hidden(s, own, zeta, scratch):
+def hidden_layer(s, own, zeta, scratch):
     """Return the second hidden layer (b, H) of f at zeta (b, D).
 
     Inputs stay in scratch.inputs and the first layer in scratch.second, where `adam.step` expects them.
@@ -42,9 +42,9 @@ def hidden(s, own, zeta, scratch):
     rows, width = len(zeta), s.width
     k = len(s.plain) + 2 * len(s.angle) + own.cells
     w1, b1, w2, b2, _, _ = layers(own.f, inputs_of(s, own), width)
-    x = shaped(scratch.inputs, rows, k)
+    x = reshape(scratch.inputs, rows, k)
     features(s, zeta, own.centres, x)
-    first, second = shaped(scratch.second, rows, width), shaped(scratch.first, rows, width)
+    first, second = reshape(scratch.second, rows, width), reshape(scratch.first, rows, width)
     relu_layer(x, w1[:k], b1, first)
     relu_layer(first, w2, b2, second)
     return second
@@ -53,7 +53,7 @@ def hidden(s, own, zeta, scratch):
 @within
 def forecast(s, own, zeta, scratch, out):
     """Fill out (b, M (D + 1)) with f of all movements at zeta (b, D), in its units."""
-    second = hidden(s, own, zeta, scratch)
+    second = hidden_layer(s, own, zeta, scratch)
     _, _, _, _, w3, b3 = layers(own.f, inputs_of(s, own), s.width)
     product_back(second, w3, out)
     for r in range(len(out)):
@@ -67,9 +67,9 @@ def deviations(s, own, zeta, scratch):
     rows, width = len(zeta), s.width
     k = len(s.plain) + 2 * len(s.angle) + own.cells
     w1, b1, w2, b2, w3, b3 = layers(own.J, inputs_of(s, own), width)
-    x = shaped(scratch.inputs, rows, k)
+    x = reshape(scratch.inputs, rows, k)
     features(s, zeta, own.centres, x)
-    first, second = shaped(scratch.first, rows, width), shaped(scratch.second, rows, width)
+    first, second = reshape(scratch.first, rows, width), reshape(scratch.second, rows, width)
     silu_layer(x, w1[:k], b1, first)
     silu_layer(first, w2, b2, second)
     for r in range(rows):

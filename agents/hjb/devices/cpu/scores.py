@@ -14,12 +14,12 @@ from ecology.agents.hjb.devices.cpu.arithmetic import (
     exp32,
     output,
     product_back,
-    shaped,
+    reshape,
 )
 from ecology.agents.hjb.devices.cpu.compiler import within
 from ecology.agents.hjb.devices.cpu.encoding import drive
 from ecology.agents.hjb.devices.cpu.first_order import first_order_scores
-from ecology.agents.hjb.devices.cpu.networks import deviations, hidden, inputs_of, layers
+from ecology.agents.hjb.devices.cpu.networks import deviations, hidden_layer, inputs_of, layers
 
 
 @within
@@ -33,7 +33,7 @@ def is_unknown(s, own, zeta):
 
 
 @within
-def optimistic(s, own, zeta, values):
+def add_optimism(s, own, zeta, values):
     """Lower the `values` (b,) of Jn at zeta (b, D) in unknown places, as long as marks are left to set."""
     if own.optimism[0] > ZERO and 0 < own.marked < own.marks.shape[1]:
         for r in range(len(zeta)):
@@ -51,9 +51,9 @@ def scores(s, own, zeta, open_, scratch, out):
         first_order_scores(s, own, zeta, open_, scratch, out)
         return
     rows, parts = zeta.shape
-    second = hidden(s, own, zeta, scratch)
+    second = hidden_layer(s, own, zeta, scratch)
     _, _, _, _, w3, b3 = layers(own.f, inputs_of(s, own), s.width)
-    raw = shaped(scratch.outputs, rows, len(w3))
+    raw = reshape(scratch.outputs, rows, len(w3))
     if rows > FEW:  # else only what is open, below
         product_back(second, w3, raw)
     count = 0
@@ -80,7 +80,7 @@ def scores(s, own, zeta, open_, scratch, out):
             count += 1
     if count:
         deviations(s, own, scratch.ahead[:count], scratch)
-        optimistic(s, own, scratch.ahead[:count], scratch.outputs)
+        add_optimism(s, own, scratch.ahead[:count], scratch.outputs)
         flat = out.ravel()
         for r in range(count):
             flat[scratch.which[r]] += scratch.keep[r] * scratch.outputs[r]

@@ -13,9 +13,9 @@ from ecology.agents.hjb.devices.cpu.adam import Extent, Row, step
 from ecology.agents.hjb.devices.cpu.arithmetic import FEW, ZERO, F, copy, scratch_for
 from ecology.agents.hjb.devices.cpu.compiler import compiled, inlined, within
 from ecology.agents.hjb.devices.cpu.encoding import drive
-from ecology.agents.hjb.devices.cpu.first_order import executed
+from ecology.agents.hjb.devices.cpu.first_order import executed_pace
 from ecology.agents.hjb.devices.cpu.learning import imagine, learn_f, learn_j, positions
-from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrowed, control_word, keep_alive, set_control_word
+from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrow, control_word, keep_alive, set_control_word
 from ecology.agents.hjb.devices.cpu.networks import inputs_of, layers
 from ecology.agents.hjb.devices.cpu.scores import expected_score, scores
 from ecology.agents.hjb.devices.records import Agent
@@ -133,7 +133,7 @@ def train_j(s, weights, replay, sampling, i, rate, batch, scratch):
         for r in range(b):
             target[r] = min(max(expected_score(s, batch.table[r]), ZERO), s.ceiling)
     else:
-        executed(s, slow, zeta, movement, scratch, batch.pace)
+        executed_pace(s, slow, zeta, movement, scratch, batch.pace)
         for r in range(b):
             target[r] = drive(s, replay.after[i, batch.at[r]], scratch.mixed)
     own = agent_of(weights, i, weights.J[i], batch.neutral)
@@ -159,8 +159,8 @@ def update(s, weights, replay, sampling, training, lookahead, start, stop):
     word = control_word()
     set_control_word(word | ZEROED)
     kept = scratch, batch
-    s, weights, replay, sampling = borrowed(s), borrowed(weights), borrowed(replay), borrowed(sampling)
-    scratch, batch, lookahead = borrowed(scratch), borrowed(batch), borrowed(lookahead)
+    s, weights, replay, sampling = borrow(s), borrow(weights), borrow(replay), borrow(sampling)
+    scratch, batch, lookahead = borrow(scratch), borrow(batch), borrow(lookahead)
     for i in range(start, stop):
         if not training.ready[i]:
             continue

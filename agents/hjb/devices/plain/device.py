@@ -21,7 +21,7 @@ from ecology.agents.hjb.devices.records import (
     Agent,
     Encoding,
     Lookahead,
-    Past,
+    RecalledErrors,
     Replay,
     Sampling,
     Trace,
@@ -53,7 +53,7 @@ class Plain(HostDevice):
             if self.s.depth == 1 and not trace.where.shape[1]:
                 out[r] = self._score(weights, i, zeta[r], open_[r])
                 continue
-            past = Past._make(
+            past = RecalledErrors._make(
                 (*(array[i] for array in trace), ages[r], replay.zeta[i], replay.open[i], replay.count[i])
             )
             out[r] = look_ahead(self.s, self._agent(weights, i), past, torch.from_numpy(zeta[r]), open_[r])
@@ -69,7 +69,7 @@ class Plain(HostDevice):
         """Return agent `i` with its slow copy of J."""
         return agent_of(self.s, weights, i, weights.target[i], weights.optimism[i])
 
-    def expected(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
+    def expect(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
         found = [
             forecast(self.s, self._agent(weights, i), _row(zeta[r]))[0, movement[r]]
             for r, i in enumerate(slots.tolist())

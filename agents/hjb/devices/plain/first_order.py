@@ -27,7 +27,7 @@ def first_order_scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     return (drive(s, zeta[:, None] + rate * s.dt) - climb / s.log_gamma).masked_fill(~open_, math.inf).detach()
 
 
-def executed(s: Any, own: Any, zeta: Tensor, movement: Tensor) -> Tensor:
+def executed_pace(s: Any, own: Any, zeta: Tensor, movement: Tensor) -> Tensor:
     """Return f (b, D), per unit of time, of the movement executed (b,) at each zeta (b, D)."""
     predicted = pick(forecast(s, own, zeta), movement) * s.unit
     return predicted[:, :-1] / predicted[:, -1:].clamp(s.dt, LONGEST)

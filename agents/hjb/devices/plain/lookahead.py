@@ -11,8 +11,8 @@ from torch import Tensor
 
 from ecology.agents.hjb.devices.plain.encoding import drive
 from ecology.agents.hjb.devices.plain.networks import deviations, forecast
-from ecology.agents.hjb.devices.plain.scores import optimistic
-from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, Past
+from ecology.agents.hjb.devices.plain.scores import add_optimism
+from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, RecalledErrors
 
 
 class Node(NamedTuple):
@@ -35,7 +35,7 @@ def distance(s: Any, zeta: Tensor, where: np.ndarray) -> float:
     return total
 
 
-def recall(s: Any, past: Past, zeta: Tensor) -> Tensor:
+def recall(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
     """Return the error of f (M, D + 1) to be expected at zeta (D,) by movement, from those remembered.
 
     A mean weighted by how near and how recent they are, with a prior of no error: Nadaraya-Watson regression.
@@ -49,7 +49,7 @@ def recall(s: Any, past: Past, zeta: Tensor) -> Tensor:
     return total / weight
 
 
-def nearest(s: Any, past: Past, zeta: Tensor) -> int:
+def nearest(s: Any, past: RecalledErrors, zeta: Tensor) -> int:
     """Return the position in the ring of the decision nearest to zeta (D,); newer ones count as nearer."""
     count, capacity = int(past.count), len(past.zeta)
     newest = [(count - 1 - back) % capacity for back in range(min(count, capacity, s.searched))]
@@ -57,7 +57,7 @@ def nearest(s: Any, past: Past, zeta: Tensor) -> int:
     return newest[int(np.argmin(gaps))]
 
 
-def look_ahead(s: Any, own: Any, past: Past, zeta: Tensor, open_: np.ndarray) -> np.ndarray:
+def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: np.ndarray) -> np.ndarray:
     """Return the score (M,) of the open movements at zeta (D,), the least over what may follow; else infinity.
 
     A beam search over `depth` movements: the discounted drive on the way and J at its end. The best successor of every
@@ -74,7 +74,7 @@ def look_ahead(s: Any, own: Any, past: Past, zeta: Tensor, open_: np.ndarray) ->
     return out
 
 
-def expand(s: Any, own: Any, past: Past, nodes: list[Node]) -> list[Node]:
+def expand(s: Any, own: Any, past: RecalledErrors, nodes: list[Node]) -> list[Node]:
     """Predict the successors of `nodes` and score them."""
     found = []
     for node in nodes:
@@ -84,7 +84,7 @@ def expand(s: Any, own: Any, past: Past, nodes: list[Node]) -> list[Node]:
             fade = math.exp(s.log_gamma * float(predicted[m, -1].clamp(s.dt, LONGEST)))
             drives = 0.5 * float(drive(s, node.state) + drive(s, after))
             cost, keep = node.cost + node.keep * (1 - fade) * drives, node.keep * fade
-            value = float(optimistic(s, own, after[None], deviations(s, own, after[None])))
+            value = float(add_optimism(s, own, after[None], deviations(s, own, after[None])))
             found.append(Node(after, cost, keep, m if node.root < 0 else node.root, node.open, cost + keep * value))
     return found
 

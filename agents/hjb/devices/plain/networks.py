@@ -28,7 +28,7 @@ def inputs_of(s: Any, own: Any) -> int:
     return len(s.plain) + 2 * len(s.angle) + own.centres.shape[-1]
 
 
-def hidden(s: Any, own: Any, zeta: Tensor) -> Tensor:
+def hidden_layer(s: Any, own: Any, zeta: Tensor) -> Tensor:
     """Return the second hidden layer (b, H) of f at zeta (b, D)."""
     w1, b1, w2, b2, _, _ = own.f
     return functional.relu(functional.relu(features(s, own, zeta) @ w1 + b1) @ w2 + b2)
@@ -37,7 +37,7 @@ def hidden(s: Any, own: Any, zeta: Tensor) -> Tensor:
 def forecast(s: Any, own: Any, zeta: Tensor) -> Tensor:
     """Return f of all movements (b, M, D + 1) at zeta (b, D), in its units."""
     _, _, _, _, w3, b3 = own.f
-    return functional.linear(hidden(s, own, zeta), w3, b3).unflatten(1, (s.movements, -1))
+    return functional.linear(hidden_layer(s, own, zeta), w3, b3).unflatten(1, (s.movements, -1))
 
 
 def deviations(s: Any, own: Any, zeta: Tensor) -> Tensor:

@@ -21,7 +21,7 @@ def is_unknown(s: Any, own: Any, zeta: Tensor) -> Tensor:
     return ~((here[:, :1] - x).square() + (here[:, 1:] - y).square() <= reach).any(-1)
 
 
-def optimistic(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
+def add_optimism(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
     """Return Jn (b,) at zeta (b, D), given as `value`: lower at unknown places, as long as marks are left to set."""
     if own.optimism is None or not 0 < own.marked < own.marks.shape[1]:
         return value
@@ -40,7 +40,7 @@ def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     after = torch.minimum(torch.maximum(zeta[:, None] + predicted[..., :-1], s.low), s.high)
     keep = math.exp(s.log_gamma) ** predicted[..., -1].clamp(s.dt, LONGEST)
     flat = after.flatten(0, 1)
-    ahead = optimistic(s, own, flat, deviations(s, own, flat)).view(keep.shape)
+    ahead = add_optimism(s, own, flat, deviations(s, own, flat)).view(keep.shape)
     score = (1 - keep) * 0.5 * (drive(s, zeta)[:, None] + drive(s, after)) + keep * ahead
     return score.masked_fill(~open_, math.inf).detach()
 

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from ecology.agents.hjb.devices.plain.adam import Row, step
 from ecology.agents.hjb.devices.plain.encoding import drive
-from ecology.agents.hjb.devices.plain.first_order import executed
+from ecology.agents.hjb.devices.plain.first_order import executed_pace
 from ecology.agents.hjb.devices.plain.learning import imagine, learn_f, learn_j, positions
 from ecology.agents.hjb.devices.plain.networks import inputs_of, layers
 from ecology.agents.hjb.devices.plain.scores import expected_score, scores
@@ -60,7 +60,7 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
         target = expected_score(s, scores(s, slow, zeta, torch.from_numpy(replay.open[i, at]) if s.minimum else did))
         target = target.clamp(0, s.ceiling)
     else:
-        pace = executed(s, slow, zeta, movement)
+        pace = executed_pace(s, slow, zeta, movement)
         target = drive(s, torch.from_numpy(replay.after[i, at]))
     own = agent_of(s, weights, i, weights.J[i], None)
     leaves = [layer.detach().requires_grad_() for layer in own.J]

@@ -18,7 +18,7 @@ from ecology.agents.hjb.devices.records import (
     Agent,
     Encoding,
     Lookahead,
-    Past,
+    RecalledErrors,
     Replay,
     Sampling,
     Trace,
@@ -86,7 +86,7 @@ class Torch(Device):
         for part in self._parts(len(slots), weights, max(self.s.beam, self.s.movements)):
             rows = at[part]
             noted = (self.on(array[slots[part]]) for array in trace)
-            past = Past._make((*noted, now[part], replay.zeta[rows], replay.open[rows], count[rows]))
+            past = RecalledErrors._make((*noted, now[part], replay.zeta[rows], replay.open[rows], count[rows]))
             found.append(look_ahead(self.s, self._agents(weights, rows), past, states[part], options[part]))
         return self.off(torch.cat(found))
 
@@ -110,7 +110,7 @@ class Torch(Device):
         return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
     @torch.no_grad()
-    def expected(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
+    def expect(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
         table = forecast(self.s, self._agents(weights, self.on(slots)), self.on(zeta)[:, None]) * self.s.unit
         raw = pick(table, self.on(movement)[:, None])[:, 0]
         raw[:, -1].clamp_(self.s.dt, LONGEST)

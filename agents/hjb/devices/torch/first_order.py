@@ -29,7 +29,7 @@ def first_order_scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     return score.masked_fill(~open_, math.inf)
 
 
-def executed(s: Any, own: Any, zeta: Tensor, movement: Tensor) -> Tensor:
+def executed_pace(s: Any, own: Any, zeta: Tensor, movement: Tensor) -> Tensor:
     """Return f (a, R, D), per unit of time, of the movement executed (a, R) at each zeta (a, R, D)."""
     predicted = pick(forecast(s, own, zeta), movement) * s.unit
     return predicted[..., :-1] / predicted[..., -1:].clamp(s.dt, LONGEST)

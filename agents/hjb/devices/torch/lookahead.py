@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, Past
+from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, RecalledErrors
 from ecology.agents.hjb.devices.torch.encoding import drive
 from ecology.agents.hjb.devices.torch.networks import deviations, forecast
-from ecology.agents.hjb.devices.torch.scores import optimistic
+from ecology.agents.hjb.devices.torch.scores import add_optimism
 
 TURN = 2 * math.pi
 
@@ -34,7 +34,7 @@ def distance(s: Any, zeta: Tensor, where: Tensor) -> Tensor:
     return (gap * s.nearness).square().sum(-1)
 
 
-def recall(s: Any, past: Past, zeta: Tensor) -> Tensor:
+def recall(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
     """Return the error of f to be expected (a, R, M, D + 1) at zeta (a, R, D), from those remembered.
 
     A mean weighted by how near and how recent they are, with a prior of no error: Nadaraya-Watson regression.
@@ -48,7 +48,7 @@ def recall(s: Any, past: Past, zeta: Tensor) -> Tensor:
     return total / (PRIOR + weight @ did)[..., None]
 
 
-def nearest(s: Any, past: Past, zeta: Tensor) -> Tensor:
+def nearest(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
     """Return the position (a, R) in the ring of the decision nearest to zeta (a, R, D); newer ones count as nearer."""
     capacity = past.zeta.shape[1]
     back = torch.arange(min(s.searched, capacity), device=s.device)
@@ -59,7 +59,7 @@ def nearest(s: Any, past: Past, zeta: Tensor) -> Tensor:
     return at.gather(1, gap.argmin(-1))
 
 
-def look_ahead(s: Any, own: Any, past: Past, zeta: Tensor, open_: Tensor) -> Tensor:
+def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: Tensor) -> Tensor:
     """Return the score (a, M) of the open movements at zeta (a, D), the least over what may follow; else infinity.
 
     A beam search over `depth` movements: the discounted drive on the way and J at its end. The best successor of every
@@ -70,7 +70,7 @@ def look_ahead(s: Any, own: Any, past: Past, zeta: Tensor, open_: Tensor) -> Ten
     beam = Beam(zeta[:, None], cost, torch.ones_like(cost), torch.zeros_like(cost).long(), open_[:, None])
     for level in range(s.depth):
         ahead = expand(s, own, past, level, beam)
-        value = optimistic(s, own, ahead.state, deviations(s, own, ahead.state))
+        value = add_optimism(s, own, ahead.state, deviations(s, own, ahead.state))
         score = (ahead.cost + ahead.keep * value).masked_fill(~ahead.open, math.inf)  # (a, R M)
         out, best = by_root(s, ahead.root, score)
         if level == s.depth - 1:
@@ -83,7 +83,7 @@ def look_ahead(s: Any, own: Any, past: Past, zeta: Tensor, open_: Tensor) -> Ten
     return out
 
 
-def expand(s: Any, own: Any, past: Past, level: int, beam: Beam) -> Beam:
+def expand(s: Any, own: Any, past: RecalledErrors, level: int, beam: Beam) -> Beam:
     """Predict the successors of all states of the beam, by every movement."""
     raw = forecast(s, own, beam.state) * s.unit + recall(s, past, beam.state)
     ahead = (beam.state[:, :, None] + raw[..., :-1]).clamp(s.low, s.high)

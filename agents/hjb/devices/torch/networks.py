@@ -25,7 +25,7 @@ def inputs_of(s: Any, own: Any) -> int:
     return len(s.plain) + 2 * len(s.angle) + own.centres.shape[-1]
 
 
-def hidden(s: Any, own: Any, zeta: Tensor) -> Tensor:
+def hidden_layer(s: Any, own: Any, zeta: Tensor) -> Tensor:
     """Return the second hidden layer (a, R, H) of f at zeta (a, R, D)."""
     w1, b1, w2, b2, _, _ = own.f
     first = functional.relu(torch.baddbmm(b1, features(s, own, zeta), w1))
@@ -35,7 +35,7 @@ def hidden(s: Any, own: Any, zeta: Tensor) -> Tensor:
 def forecast(s: Any, own: Any, zeta: Tensor) -> Tensor:
     """Return f of all movements (a, R, M, D + 1) at zeta (a, R, D), in its units."""
     _, _, _, _, w3, b3 = own.f
-    raw = torch.baddbmm(b3, hidden(s, own, zeta), w3.transpose(1, 2))
+    raw = torch.baddbmm(b3, hidden_layer(s, own, zeta), w3.transpose(1, 2))
     return raw.unflatten(2, (s.movements, -1))
 
 

@@ -21,7 +21,7 @@ def is_unknown(s: Any, own: Any, zeta: Tensor) -> Tensor:
     return ~((gap.square().sum(2) <= own.marks[:, None, 2]) & used[:, None]).any(-1)
 
 
-def optimistic(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
+def add_optimism(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
     """Return Jn (a, R) at zeta (a, R, D), given as `value`: lower at unknown places while marks are left to set."""
     capacity = own.marks.shape[-1]
     if own.optimism is None or not capacity:
@@ -42,7 +42,7 @@ def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     keep = torch.exp(predicted[..., -1].clamp(s.dt, LONGEST) * s.log_gamma)
     drives = 0.5 * (drive(s, zeta)[..., None] + drive(s, ahead))
     flat = ahead.flatten(1, 2)
-    value = optimistic(s, own, flat, deviations(s, own, flat))
+    value = add_optimism(s, own, flat, deviations(s, own, flat))
     score = (1 - keep) * drives + keep * value.view_as(keep)
     return score.masked_fill(~open_, math.inf)
 

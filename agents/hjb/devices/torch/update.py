@@ -11,7 +11,7 @@ from torch.nn import functional
 from ecology.agents.hjb.devices.records import Agent, Replay, Sampling, Weights
 from ecology.agents.hjb.devices.torch.adam import Row, step
 from ecology.agents.hjb.devices.torch.encoding import drive
-from ecology.agents.hjb.devices.torch.first_order import executed
+from ecology.agents.hjb.devices.torch.first_order import executed_pace
 from ecology.agents.hjb.devices.torch.learning import imagine, learn_f, learn_j, positions
 from ecology.agents.hjb.devices.torch.lookahead import rows_at
 from ecology.agents.hjb.devices.torch.networks import inputs_of, layers
@@ -63,7 +63,7 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
         table = scores(s, slow, zeta, rows_at(replay.open, at) if s.minimum else did)
         target = expected_score(s, table).clamp(0.0, s.ceiling)
     else:
-        pace = executed(s, slow, zeta, movement)
+        pace = executed_pace(s, slow, zeta, movement)
         target = drive(s, rows_at(replay.after, at))
     own = agent_of(s, weights, weights.J, None)
     leaves = [layer.detach().requires_grad_() for layer in own.J]

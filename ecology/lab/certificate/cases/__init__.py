@@ -17,7 +17,7 @@ def all_cases() -> dict[str, Case]:
     return {case.name: case for case in cases}
 
 
-def chosen(names: Sequence[str]) -> list[Case]:
+def choose_cases(names: Sequence[str]) -> list[Case]:
     """Return the cases named, all without names; EcologyError for an unknown one."""
     known = all_cases()
     for name in names:

@@ -23,7 +23,7 @@ COARSE, FINE = 4.0, 2.0  # trials in a tick: scripted, learned
 SWEEP = (1.0, 2.0, 2.75, 3.5, 4.5, 6.0)  # hours of access a day
 
 
-def closed(hours: float, days: int = DAYS) -> tuple[float, float]:
+def closed_form(hours: float, days: int = DAYS) -> tuple[float, float]:
     """Return h* after days of access, and the infusions of the last session, from the recurrence."""
     level, taken = START, 0.0
     for _ in range(days):
@@ -56,7 +56,7 @@ def _look(env: Ecology, state: Any) -> tuple[float, bool]:
     return float(state.set_point[0, 0]), bool(state.action[0] == 1)
 
 
-def scripted(hours: float) -> dict[str, Any]:
+def measure_scripted(hours: float) -> dict[str, Any]:
     """Return the sessions of a body that presses when brain and buffer together lack half a dose."""
     env, tick = answers.begin("addiction", 0, hours=hours, hurry=HURRY, dt=COARSE)
 
@@ -69,7 +69,7 @@ def scripted(hours: float) -> dict[str, Any]:
     return _sessions(rows, hours, COARSE)
 
 
-def learned(hours: float, seed: int) -> dict[str, Any]:
+def measure_learner(hours: float, seed: int) -> dict[str, Any]:
     """Return the sessions of a learner."""
     words: dict[str, Any] = {"hours": hours, "hurry": HURRY, "dt": FINE}
     ticks = answers.begin("addiction", 0, **words)[0].scenario.ticks
@@ -87,11 +87,11 @@ def rises_from(lives: Mapping[float, Any]) -> float:
 
 def _parts() -> list[Part]:
     told = answers.parameters("addiction")
-    found = [Part(f"scripted-{hours:g}", told, 10.0, functools.partial(scripted, hours)) for hours in SWEEP]
+    found = [Part(f"scripted-{hours:g}", told, 10.0, functools.partial(measure_scripted, hours)) for hours in SWEEP]
     for hours in (1.0, 6.0):
         words = answers.parameters("addiction", hours=hours)
         found += [
-            Part(f"learned-{hours:g}-seed-{s}", words, 20.0, functools.partial(learned, hours, s))
+            Part(f"learned-{hours:g}-seed-{s}", words, 20.0, functools.partial(measure_learner, hours, s))
             for s in range(answers.SEEDS)
         ]
     return found
@@ -101,7 +101,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     found = []
     for hours in (1.0, 6.0):
         life = done.get(f"scripted-{hours:g}")
-        level, taken = closed(hours)
+        level, taken = closed_form(hours)
         if life is not None:
             theirs = (114.0, None, None) if hours == 6 else (14.0, None, None)
             what = f"infusions in the last of 12 sessions of {hours:g} h"
@@ -115,7 +115,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     for hours in (1.0, 6.0):
         lives = answers.column(done, f"learned-{hours:g}-")
         if lives:
-            level, _ = closed(hours)
+            level, _ = closed_form(hours)
             last = [life["infusions"][-1] / max(life["infusions"][1], 1.0) for life in lives]
             first = closed_ratio(hours)
             found.append(Row(f"f/J, infusions in the last session of {hours:g} h over the first", last, closed=first))
@@ -128,13 +128,13 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
 
 def closed_ratio(hours: float) -> float:
     """Return the infusions of the last session over those of the first, from the recurrence."""
-    return closed(hours)[1] / closed(hours, 1)[1]
+    return closed_form(hours)[1] / closed_form(hours, 1)[1]
 
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
     for hours, look in ((6.0, answers.LEARNED), (1.0, answers.PUBLISHED)):
-        taken = [closed(hours, day)[1] for day in range(1, DAYS + 1)]
+        taken = [closed_form(hours, day)[1] for day in range(1, DAYS + 1)]
         left.plot(range(1, DAYS + 1), taken, color="0.7", lw=3)
         life = done.get(f"scripted-{hours:g}")
         if life is not None:

@@ -38,7 +38,7 @@ PUBLISHED = {
 DAYS = {"block 1": 24, "block 4": 33, "block 8": 45, "extinction": 48, "reacquisition": 60}
 
 
-def closed(minute: float, shivers: bool, ethanol: bool) -> float:
+def closed_form(minute: float, shivers: bool, ethanol: bool) -> float:
     """Return h at a minute after the light, from the kinetics."""
     found, since = 0.0, minute - LATER
     if shivers:
@@ -74,7 +74,7 @@ def day(shivers: bool, ethanol: bool) -> list[float]:
     return [0.0, *rows[away:]]
 
 
-def learned(seed: int) -> dict[str, Any]:
+def measure_learner(seed: int) -> dict[str, Any]:
     """Return the change of temperature of a learner at AT in every block, and how often it shivered in each."""
     look = lambda e, s: (float(s.internal[0, 0]), bool(s.action[0] == 1))  # noqa: E731
     days = sum(trials for _, trials, _ in BLOCKS)
@@ -96,7 +96,7 @@ def _parts() -> list[Part]:
         for shivers, ethanol in ((0, 1), (1, 1), (1, 0))
     ]
     told = answers.parameters("anticipation", dt=DT, gamma=GAMMA)
-    return found + [Part(f"seed-{s}", told, 20.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
+    return found + [Part(f"seed-{s}", told, 20.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
@@ -109,12 +109,12 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             continue
         for minute in AT:
             h = path[round((LATER + minute) / DT)]
-            answer = closed(LATER + minute, bool(shivers), bool(ethanol))
+            answer = closed_form(LATER + minute, bool(shivers), bool(ethanol))
             found.append(Row(f"{what}, h after {minute} min", [h], closed=answer, tolerance=0.01))
     if "scripted-0-1" in done and "scripted-1-1" in done:
         ours = threshold(np.array(done["scripted-0-1"]), np.array(done["scripted-1-1"]), DT)
         minutes = np.arange(0, DAY, DT)
-        cold, warmed = [np.array([closed(t, shivers, True) for t in minutes]) for shivers in (False, True)]
+        cold, warmed = [np.array([closed_form(t, shivers, True) for t in minutes]) for shivers in (False, True)]
         what = "discount per minute above which shivering at the light pays"
         found.append(Row(what, [ours], closed=threshold(cold, warmed, DT), tolerance=1e-3))
     lives = answers.column(done, "seed-")

@@ -32,7 +32,7 @@ def gamble(other: float, seed: int = 0) -> dict[str, float]:
     found = {}
     for meal in ("sure", "risky"):
         env, tick = answers.begin("choice", seed, count=BODIES, decay=0.0)  # crowds at one place are slow
-        tick = env.put(internal=np.tile([MIDDLE - 1.0, MIDDLE - other], (BODIES, 1)))
+        tick = env.set_state(internal=np.tile([MIDDLE - 1.0, MIDDLE - other], (BODIES, 1)))
         (found[meal],) = answers.play(env, tick, 1, _always(meal), lambda _, t: float(t.drive.mean()))
     return found
 
@@ -48,7 +48,7 @@ def preferences(m1: float, m2: float, seed: int = 0) -> dict[str, float]:
     after = {}
     for action in ("sure", "drink"):
         env, tick = answers.begin("choice", seed, count=PAIRS, decay=0.0, meal=m1, drink=m2)
-        tick = env.put(internal=MIDDLE + pairs)
+        tick = env.set_state(internal=MIDDLE + pairs)
         (after[action],) = answers.play(env, tick, 1, _always(action), lambda _, t: t.drive.copy())
     return boundary(pairs, after["sure"] < after["drink"], m1, m2)
 
@@ -72,7 +72,7 @@ def meals(seed: int = 0, meal: float = 0.05) -> dict[str, float]:
     rng = np.random.default_rng([seed, 4])
     hungry = rng.uniform(0.2, 3.0, 100)
     env, tick = answers.begin("choice", seed, count=100, decay=0.0, meal=meal)
-    tick = env.put(internal=np.column_stack([MIDDLE - hungry, np.full(100, MIDDLE - 1.0)]))
+    tick = env.set_state(internal=np.column_stack([MIDDLE - hungry, np.full(100, MIDDLE - 1.0)]))
 
     def policy(env: Ecology, tick: Tick) -> Ints:
         lacks = MIDDLE - env.state_view.internal[:, 0]
@@ -111,7 +111,7 @@ def stationary(exponent: float, reach: int = REACH) -> float:
     return float(math.sqrt((weight * h**2).sum() - (weight * h).sum() ** 2))
 
 
-def learned(seed: int, ticks: int = LIVED) -> dict[str, float]:
+def measure_learner(seed: int, ticks: int = LIVED) -> dict[str, float]:
     """Return the preferences of a learner trained on both foods: for deprivation, for dose, and for risk by deficit."""
     env, minds, _, rows = answers.learn(
         "choice", seed, ticks, lambda _, s: (int(s.action[0]), float(s.own_drive[0])), noise=0.1
@@ -135,7 +135,7 @@ def learned(seed: int, ticks: int = LIVED) -> dict[str, float]:
 
 def ask(env: Ecology, mind: Learner, internal: Any, among: tuple[str, ...]) -> int:
     """Return which of the actions `among` a frozen learner takes at an internal state, by its scores."""
-    tick = env.put(internal=np.array([internal], float))
+    tick = env.set_state(internal=np.array([internal], float))
     names = env.groups["body"].actions
     mask = np.isin(np.array(names), among)[None] & tick.masks["body"]
     mind.begin()
@@ -144,7 +144,7 @@ def ask(env: Ecology, mind: Learner, internal: Any, among: tuple[str, ...]) -> i
 
 def first_rest(env: Ecology, mind: Learner, hungry: float, most: int = 12) -> float:
     """Return how much a frozen learner that lacks only `hungry` of food eats until it does something else."""
-    tick = env.put(internal=np.array([[MIDDLE - hungry, MIDDLE]]))
+    tick = env.set_state(internal=np.array([[MIDDLE - hungry, MIDDLE]]))
     mind.begin()
     start = env.state_view.ingested[0, 0]
     for _ in range(most):
@@ -160,12 +160,12 @@ def _parts() -> list[Part]:
     found = [Part(f"gamble-{x:g}", told, 1.0, functools.partial(gamble, x)) for x in OTHER]
     found += [Part(f"deprivation-{m2:g}", told, 1.0, functools.partial(preferences, 0.02, m2)) for m2 in (0.02, 0.04)]
     found += [Part("dose", told, 1.0, meals)]
-    found += [Part(f"spread-{n:.3g}", told, 2.0, functools.partial(_spread_bounded, n)) for n in POWERS]
+    found += [Part(f"spread-{n:.3g}", told, 2.0, functools.partial(_measure_bounded_spread, n)) for n in POWERS]
     told = answers.parameters("choice", ticks=LIVED)
-    return found + [Part(f"seed-{s}", told, 20.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
+    return found + [Part(f"seed-{s}", told, 20.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
 
 
-def _spread_bounded(exponent: float) -> list[float]:
+def _measure_bounded_spread(exponent: float) -> list[float]:
     return [spread(exponent, seed) for seed in range(3)]
 
 

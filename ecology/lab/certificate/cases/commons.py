@@ -22,21 +22,21 @@ def _pool_left(n: int, ticks: int = 500) -> float:
     env.reset_arrays(0)
     pool, rng = env.scenario.resources[0], np.random.default_rng(n)
     angle, far = rng.uniform(0, 2 * math.pi, n), 0.8 * pool.radius * np.sqrt(rng.random(n))
-    env.put(position=np.array(pool.position) + np.column_stack([np.cos(angle), np.sin(angle)]) * far[:, None])
+    env.set_state(position=np.array(pool.position) + np.column_stack([np.cos(angle), np.sin(angle)]) * far[:, None])
     eat = env.groups["agent"].actions.index("consume_pool")
     for _ in range(ticks):
         env.step_arrays(np.full(n, eat))
     return float(env.state_view.stock[0] / POOL)
 
 
-def _kept(n: int) -> Callable[[], list[float]]:
+def _measure_pool(n: int) -> Callable[[], list[float]]:
     return lambda: [_pool_left(n)]
 
 
 def _parts() -> list[Part]:
     most = round(GROWTH * POOL / APPETITE)
     return [
-        Part(f"n-{n}", {"growth": GROWTH, "pool": POOL, "appetite": APPETITE}, 1.0, _kept(n))
+        Part(f"n-{n}", {"growth": GROWTH, "pool": POOL, "appetite": APPETITE}, 1.0, _measure_pool(n))
         for n in (most // 2, most - 1, most, most + 1, most + most // 2)
     ]
 

@@ -17,7 +17,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     found = []
     for n, of in lives.items():
         emptied = [float(life["empty"] or ticks) for life in of]
-        closed = min(crowds.emptied_at(n), ticks)
+        closed = min(crowds.emptying_time(n), ticks)
         found.append(Row(f"ticks until the pool of {n:g} learners is empty, {ticks:,} at most", emptied, closed=closed))
     kept = [n for n, of in lives.items() if all(life["empty"] is None for life in of)]
     if kept and len(lives) == len(crowds.NUMBERS):

@@ -22,7 +22,7 @@ CAPACITIES = (100.0, 150.0, 220.0, 300.0)
 SEEDS, TICKS = 2, 5_000
 
 
-def scripted(capacity: float, seed: int, ticks: int = TICKS) -> dict[str, Any]:
+def measure_scripted(capacity: float, seed: int, ticks: int = TICKS) -> dict[str, Any]:
     """Return the variability of numbers in the last two thirds, and prey at rest, of predators that bite at once."""
     env, tick = answers.begin("enrichment", seed, capacity=capacity, growth=GROWTH, scale=SCALE, dt=DT)
     rows = [env.groups[name].slots for name in ("prey", "predator")]
@@ -76,7 +76,7 @@ def frequency(capacity: float, growth: float = GROWTH) -> float:
 def _parts() -> list[Part]:
     told = answers.parameters("enrichment", growth=GROWTH, scale=SCALE, dt=DT, ticks=TICKS)
     return [
-        Part(f"scripted-{k:g}-{seed}", told, 8.0, functools.partial(scripted, k, seed))
+        Part(f"scripted-{k:g}-{seed}", told, 8.0, functools.partial(measure_scripted, k, seed))
         for k in CAPACITIES
         for seed in range(SEEDS)
     ]

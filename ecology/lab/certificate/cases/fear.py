@@ -10,15 +10,15 @@ from typing import Any
 
 from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
-from ecology.lab.certificate.predation import SEEDS, fear, flight, learned
+from ecology.lab.certificate.predation import SEEDS, fear, flight, train_both
 
 ORDER = 13
 TICKS, WOUNDS = 20_000, (0.0, 0.25, 0.5, 1.0)
 
 
-def _scared(wound: float, seed: int) -> dict[str, Any]:
+def _measure_fear(wound: float, seed: int) -> dict[str, Any]:
     """Return flight and fear of prey that learned for TICKS ticks under `wound`."""
-    env, minds, tick = learned(seed, TICKS, wound=wound)
+    env, minds, tick = train_both(seed, TICKS, wound=wound)
     before, fled = env.snapshot(), flight(env, minds["prey"], tick, seed=seed)
     return {"flight": fled, "fear": fear(env, minds["prey"], env.restore(*before))}
 
@@ -26,7 +26,7 @@ def _scared(wound: float, seed: int) -> dict[str, Any]:
 def _parts() -> list[Part]:
     words = answers.parameters("predator_prey", ticks=TICKS)
     return [
-        Part(f"{wound:g}-seed-{s}", words, 300.0, functools.partial(_scared, wound, s))
+        Part(f"{wound:g}-seed-{s}", words, 300.0, functools.partial(_measure_fear, wound, s))
         for wound in WOUNDS
         for s in range(SEEDS)
     ]

@@ -24,7 +24,7 @@ DEADLY = 42.0
 TRAINED, GAP, EPISODES = 20_000, 150.0, 8
 
 
-def closed(ahead: int, load: float = LOAD) -> tuple[float, float, int | None]:
+def closed_form(ahead: int, load: float = LOAD) -> tuple[float, float, int | None]:
     """Return the peak, the mean drive and the tick of the load at which T passes 42, from the equation alone."""
     t, path = REST, []
     for k in range(-LEAD, LASTS + AFTER):
@@ -36,11 +36,11 @@ def closed(ahead: int, load: float = LOAD) -> tuple[float, float, int | None]:
     return max(path), float(np.mean(np.square(np.array(path) - 36.0))), dead
 
 
-def scripted(ahead: int, load: float = LOAD) -> dict[str, Any]:
+def measure_scripted(ahead: int, load: float = LOAD) -> dict[str, Any]:
     """Return the temperatures of a body that holds 36.27 and cools from `ahead` ticks before the load until its end."""
     world = {"load": load, "gap": 1e4, "levels": 101, "trials": 1, "lethal": False}
     env, tick = answers.begin("heat", 0, **world)
-    tick = env.put(internal=np.array([[REST]]))
+    tick = env.set_state(internal=np.array([[REST]]))
     group = env.groups["body"]
     efforts = np.array([a.control.get("temperature", 0.0) for a in env.scenario.species[0].actions]) * INERTIA
 
@@ -55,7 +55,7 @@ def scripted(ahead: int, load: float = LOAD) -> dict[str, Any]:
     return {"path": path, "peak": max(path), "drive": float(np.mean(np.square(np.array(path) - 36.0))), "dead": dead}
 
 
-def learned(seed: int, ticks: int = TRAINED) -> dict[str, Any]:
+def measure_learner(seed: int, ticks: int = TRAINED) -> dict[str, Any]:
     """Return the results of a learner trained with the load in `EPISODES` more trials, without learning."""
     _, minds, _, _ = answers.learn("heat", seed, ticks, lethal=False, gap=GAP, trials=ticks // 100)
     found = []
@@ -63,7 +63,7 @@ def learned(seed: int, ticks: int = TRAINED) -> dict[str, Any]:
         words = {"lethal": False, "gap": GAP, "trials": EPISODES, "load": 0.0 if omits else LOAD}
         test, tick = answers.begin("heat", 1000 + seed, **words)
         look = lambda e, s: (float(s.internal[0, 0]), float(s.cue[0]))  # noqa: E731
-        rows = answers.frozen(test, minds, tick, int(EPISODES * (LEAD + LASTS + GAP)), 0.0, look)
+        rows = answers.run_frozen(test, minds, tick, int(EPISODES * (LEAD + LASTS + GAP)), 0.0, look)
         found.append(_episodes(np.array(rows)))
     loaded, spared = found
     mean = loaded.mean(axis=0)
@@ -95,11 +95,11 @@ def _begins(path: np.ndarray) -> float:
 
 def _parts() -> list[Part]:
     found = [
-        Part(f"ahead-{k}", answers.parameters("heat", ahead=k, load=LOAD), 1.0, functools.partial(scripted, k))
+        Part(f"ahead-{k}", answers.parameters("heat", ahead=k, load=LOAD), 1.0, functools.partial(measure_scripted, k))
         for k in AHEAD
     ]
     told = answers.parameters("heat", ticks=TRAINED, gap=GAP)
-    return found + [Part(f"seed-{s}", told, 25.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
+    return found + [Part(f"seed-{s}", told, 25.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
@@ -108,7 +108,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
         life = done.get(f"ahead-{k}")
         if life is None:
             continue
-        peak, drive, dead = closed(k)
+        peak, drive, dead = closed_form(k)
         if dead is not None:
             what = "tick of the load at which an agent that only reacts is at 42"
             found.append(Row(what, [life["dead"] or math.inf], theirs=(48.0, None, None), closed=dead, tolerance=1.0))
@@ -117,7 +117,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             found.append(Row(f"mean drive, cooling {k} ticks ahead", [life["drive"]], closed=drive, tolerance=0.05))
     lives = answers.column(done, "seed-")
     if lives:
-        best = min(closed(k)[1] for k in range(LEAD + 1))
+        best = min(closed_form(k)[1] for k in range(LEAD + 1))
         alive = [life["survives"] for life in lives]
         found += [
             Row("f/J: share of loads survived", alive, closed=1.0),

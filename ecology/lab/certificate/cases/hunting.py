@@ -22,7 +22,7 @@ SEARCH = 2 * REACH * WALK  # area that a hunter searches per unit of time on a s
 LEARNERS, LIVED, AMONG = 8, 3_000, (0.5, 1.0, 4.0)  # agents, ticks, densities
 
 
-def scripted(density: float, seed: int, handling: float = HANDLING) -> float:
+def measure_scripted(density: float, seed: int, handling: float = HANDLING) -> float:
     """Return the prey that a hunter takes per unit of time: it walks straight on, and bites what is in its reach."""
     env, tick = answers.begin("hunting", seed, density=density, handling=handling, hunters=HUNTERS, sight=2 * REACH)
     names = {a: i for i, a in enumerate(env.groups["hunter"].actions)}
@@ -36,7 +36,7 @@ def scripted(density: float, seed: int, handling: float = HANDLING) -> float:
     return sum(seen[skip:]) / (TICKS - skip) / HUNTERS
 
 
-def learned(density: float, seed: int) -> float:
+def measure_learner(density: float, seed: int) -> float:
     """Return the prey that a learner takes per unit of time in the second half of its life."""
     _, _, _, rows = answers.learn(
         "hunting", seed, LIVED, lambda _, s: int((s.bit >= 0).sum()), density=density, handling=HANDLING,
@@ -57,17 +57,19 @@ def _parts() -> list[Part]:
     told = answers.parameters("hunting", handling=HANDLING, hunters=HUNTERS, ticks=TICKS)
     found = []
     for seed in range(4):
-        found += [Part(f"scripted-{d:g}-{seed}", told, 3.0, functools.partial(scripted, d, seed)) for d in DENSITIES]
+        found += [
+            Part(f"scripted-{d:g}-{seed}", told, 3.0, functools.partial(measure_scripted, d, seed)) for d in DENSITIES
+        ]
     told = answers.parameters("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
     for seed in range(answers.SEEDS):
-        found += [Part(f"learned-{d:g}-{seed}", told, 5.0, functools.partial(learned, d, seed)) for d in AMONG]
+        found += [Part(f"learned-{d:g}-{seed}", told, 5.0, functools.partial(measure_learner, d, seed)) for d in AMONG]
     return found
 
 
 def fits(done: Mapping[str, Any], kind: str, seeds: int) -> list[tuple[float, float]]:
     """Return a and h of every seed whose lives at all densities are done."""
     asked = DENSITIES if kind == "scripted" else AMONG
-    return [fit(rates) for rates in answers.whole(done, kind, asked, seeds)]
+    return [fit(rates) for rates in answers.complete_parts(done, kind, asked, seeds)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

@@ -42,21 +42,21 @@ def policy_of(inferring: bool) -> episodes.Policy:
     return policy
 
 
-def scripted(inferring: bool, lives: int = LIVES, cap: int = CAP) -> list[float]:
+def measure_scripted(inferring: bool, lives: int = LIVES, cap: int = CAP) -> list[float]:
     """Return the lengths of lives under that policy."""
     words = {"senses": "signs", "noise": NOISE}
-    found, _ = episodes.scripted("inferred", words, policy_of(inferring), 1, lives, cap)
+    found, _ = episodes.run_scripted("inferred", words, policy_of(inferring), 1, lives, cap)
     return [float(n) for lengths in found for n in lengths]
 
 
-def learned(kind: str, seed: int) -> dict[str, Any]:
+def measure_learner(kind: str, seed: int) -> dict[str, Any]:
     """Return how long pairs with a trained learner survive, and how well it infers what the partner feels."""
     words = KINDS[kind]
     env, minds, tick = _train(words, seed)
     mind = minds["possessor"]
     found: dict[str, Any] = {}
     if kind == "signs":
-        pairs = _inferred(env, mind, tick)
+        pairs = _infer(env, mind, tick)
         found["correlation"] = float(np.corrcoef(pairs.T)[0, 1])
         found["noise limit"] = float(np.corrcoef(pairs[:, 1], pairs[:, 2])[0, 1])
         found["pairs"] = pairs[:200].round(3).tolist()
@@ -83,7 +83,7 @@ def _train(words: Mapping[str, Any], seed: int, ticks: int = TRAINED) -> tuple[E
     return env, minds, tick
 
 
-def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarray:
+def _infer(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarray:
     """Return the inferred and the true drive of the partner, and its sign, over ticks of random actions, (k, 3)."""
     rng, found = np.random.default_rng(1), []
     for k in range(ticks):
@@ -102,12 +102,12 @@ def _inferred(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarr
 def _parts() -> list[Part]:
     told = answers.parameters("inferred", noise=NOISE)
     found = [
-        Part(f"scripted-{name}", told, 10.0, functools.partial(scripted, inferring))
+        Part(f"scripted-{name}", told, 10.0, functools.partial(measure_scripted, inferring))
         for name, inferring in (("told", False), ("signs", True))
     ]
     told = answers.parameters("inferred", noise=NOISE, weight=WEIGHT, ticks=TRAINED)
     return found + [
-        Part(f"{kind}-seed-{s}", told, 15.0, functools.partial(learned, kind, s))
+        Part(f"{kind}-seed-{s}", told, 15.0, functools.partial(measure_learner, kind, s))
         for s in range(answers.SEEDS)
         for kind in KINDS
     ]

@@ -94,7 +94,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             continue
         ours = [
             threshold({r: float(np.mean(life["share"][-10:])) for r, life in lives.items()})
-            for lives in answers.whole(done, f"fixed-{cost:g}", RELATED, SEEDS)
+            for lives in answers.complete_parts(done, f"fixed-{cost:g}", RELATED, SEEDS)
         ]
         if ours:
             found.append(Row(f"relatedness from which giving spreads, c/b {cost:g}", ours, closed=cost, tolerance=0.12))

@@ -103,7 +103,7 @@ def score(start: float, meal: str) -> float:
     return (start + MEAN * DUSK - NIGHT) / (MEAN / p * math.sqrt(DUSK * p * (1 - p)))
 
 
-def learned(seed: int) -> dict[str, float]:
+def measure_learner(seed: int) -> dict[str, float]:
     """Return how often learners take patchy meals in a rich and in a poor world, and what share they sleep."""
     found: dict[str, float] = {}
     for name, start in (("poor", 0.5), ("rich", 1.5)):
@@ -116,7 +116,7 @@ def learned(seed: int) -> dict[str, float]:
             alive.append(watch.rows[-1][1])
             internal = env.state_view.internal.copy()
             internal[:, 0] = start
-            tick = env.put(internal=internal, alive=np.ones(env.size, bool))
+            tick = env.set_state(internal=internal, alive=np.ones(env.size, bool))
             minds["body"].begin()
         for actions, _ in watch.rows[LIVED // 2 :]:
             took += [actions.count(2), actions.count(3)]
@@ -135,7 +135,7 @@ def _parts() -> list[Part]:
             for meal in ("steady", "patchy")
         ]
     told = answers.parameters("night", ticks=LIVED)
-    return found + [Part(f"seed-{s}", told, 10.0, functools.partial(learned, s)) for s in range(answers.SEEDS)]
+    return found + [Part(f"seed-{s}", told, 10.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
 
 
 def _survives(start: float, meal: str) -> list[float]:

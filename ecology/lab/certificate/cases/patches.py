@@ -29,7 +29,7 @@ def charnov(travel: float) -> float:
     return float(optimize.brentq(lambda t: math.exp(RATE * t) - 1 - RATE * (t + travel), 1e-3, 500))
 
 
-def discounted(travel: float, gamma: float = GAMMA) -> float:
+def best_discounted_residence(travel: float, gamma: float = GAMMA) -> float:
     """Return the residence that maximises (1 - e^-(l+rho)t) / (1 - e^-rho(t+travel)), the discounted intake."""
     rho = -math.log(gamma)
 
@@ -39,7 +39,7 @@ def discounted(travel: float, gamma: float = GAMMA) -> float:
     return float(optimize.minimize_scalar(worth, bounds=(0.1, 300), method="bounded").x)
 
 
-def scripted(travel: float) -> dict[str, float]:
+def measure_scripted(travel: float) -> dict[str, float]:
     """Return residence and rate of an agent that leaves where the patch yields no more than its mean rate so far."""
     env, tick = answers.begin("patches", 0, travel=float(travel), rate=RATE)
     home, at_start, mean = 0, 0.0, 0.2  # the mean is learned: total intake over total time, of the last cycles
@@ -86,7 +86,7 @@ def best_rate(travel: float, stay: float) -> float:
     return A * (1 - math.exp(-RATE * stay)) / (stay + travel)
 
 
-def fixed(travel: float, stay: int) -> float:
+def measure_fixed(travel: float, stay: int) -> float:
     """Return the rate of intake, in the world, of an agent that leaves after `stay` ticks."""
     env, tick = answers.begin("patches", 0, travel=float(travel), rate=RATE)
     home, eaten = 0, 0
@@ -106,7 +106,7 @@ def fixed(travel: float, stay: int) -> float:
     return float(env.state_view.ingested[0, 0]) / ticks
 
 
-def learned(travel: float, seed: int) -> dict[str, float]:
+def measure_learner(travel: float, seed: int) -> dict[str, float]:
     """Return residence and rate of a learner."""
     _, _, _, rows = answers.learn(
         "patches", seed, LIVED, lambda _, s: (bool(s.action[0] in (1, 2)), float(s.ingested[0, 0])),
@@ -121,20 +121,22 @@ def learned(travel: float, seed: int) -> dict[str, float]:
 
 def _parts() -> list[Part]:
     told = answers.parameters("patches", rate=RATE)
-    found = [Part(f"scripted-{t}", told, 2.0, functools.partial(scripted, t)) for t in TRAVELS]
+    found = [Part(f"scripted-{t}", told, 2.0, functools.partial(measure_scripted, t)) for t in TRAVELS]
     found += [
-        Part(f"fixed-20-{stay}", told, 1.0, functools.partial(_fixed, 20, stay)) for stay in (8, 15, 19, 23, 27, 34, 50)
+        Part(f"fixed-20-{stay}", told, 1.0, functools.partial(_measure_fixed, 20, stay))
+        for stay in (8, 15, 19, 23, 27, 34, 50)
     ]
     told = answers.parameters("patches", rate=RATE, gamma=GAMMA, ticks=LIVED)
     for t in ASKED:
         found += [
-            Part(f"learned-{t}-{seed}", told, 8.0, functools.partial(learned, t, seed)) for seed in range(answers.SEEDS)
+            Part(f"learned-{t}-{seed}", told, 8.0, functools.partial(measure_learner, t, seed))
+            for seed in range(answers.SEEDS)
         ]
     return found
 
 
-def _fixed(travel: float, stay: int) -> list[float]:
-    return [fixed(travel, stay)]
+def _measure_fixed(travel: float, stay: int) -> list[float]:
+    return [measure_fixed(travel, stay)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
@@ -154,7 +156,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             ours = [life["stay"] for life in lives if not math.isnan(life["stay"])]
             if ours:
                 what = f"f/J: residence, travel {t} (without discount {charnov(t):.1f})"
-                found.append(Row(what, ours, closed=discounted(t)))
+                found.append(Row(what, ours, closed=best_discounted_residence(t)))
             share = [life["rate"] / best_rate(t, charnov(t)) for life in lives]
             found.append(Row(f"f/J: intake over the best, travel {t}", share, closed=1.0))
     return found
@@ -164,7 +166,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
     x = np.linspace(2, 85, 60)
     left.plot(x, [charnov(t) for t in x], color=answers.CLOSED, label="Charnov")
-    left.plot(x, [discounted(t) for t in x], color=answers.CLOSED, ls="--", label=f"discounted, {GAMMA}")
+    left.plot(x, [best_discounted_residence(t) for t in x], color=answers.CLOSED, ls="--", label=f"discounted, {GAMMA}")
     some = [t for t in TRAVELS if f"scripted-{t}" in done]
     left.plot(some, [done[f"scripted-{t}"]["stay"] for t in some], "s", color=answers.SCRIPTED.colour, label="scripted")
     have = [t for t in TRAVELS if answers.column(done, f"learned-{t}-")]

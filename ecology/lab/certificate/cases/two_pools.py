@@ -30,7 +30,7 @@ def look(env: Ecology, state: Any) -> tuple[float, float, float, float]:
     return float(inside[0]), float(inside[1]), float(state.eaten[0]), float(state.eaten[1])
 
 
-def scripted(ratio: float, epsilon: float, seed: int = 0) -> dict[str, float]:
+def measure_scripted(ratio: float, epsilon: float, seed: int = 0) -> dict[str, float]:
     """Return the distribution of agents that go where they would get more, or anywhere with `epsilon`, and intakes."""
     env, tick = answers.begin("two_pools", seed, ratio=ratio, n=AGENTS)
     rng, group = np.random.default_rng([seed, 1]), env.groups["agent"]
@@ -63,7 +63,7 @@ def summary(rows: Floats) -> dict[str, float]:
             "intake right": got[1] / max(right, 1e-9)}  # fmt: skip
 
 
-def learned(ratio: float, seed: int) -> dict[str, float]:
+def measure_learner(ratio: float, seed: int) -> dict[str, float]:
     """Return the distribution of learners."""
     _, _, _, rows = answers.learn("two_pools", seed, LIVED, look, ratio=ratio, n=LEARNERS)
     return summary(np.array(rows))
@@ -91,18 +91,23 @@ def _parts() -> list[Part]:
     for epsilon in (0.0, EPSILON):
         for seed in range(3):
             found += [
-                Part(f"scripted-{epsilon:g}-{r:g}-{seed}", told, 2.0, functools.partial(scripted, r, epsilon, seed))
+                Part(
+                    f"scripted-{epsilon:g}-{r:g}-{seed}",
+                    told,
+                    2.0,
+                    functools.partial(measure_scripted, r, epsilon, seed),
+                )
                 for r in RATIOS
             ]
     told = answers.parameters("two_pools", ticks=LIVED, agents=LEARNERS)
     for seed in range(answers.SEEDS):
-        found += [Part(f"learned-{r:g}-{seed}", told, 5.0, functools.partial(learned, r, seed)) for r in RATIOS]
+        found += [Part(f"learned-{r:g}-{seed}", told, 5.0, functools.partial(measure_learner, r, seed)) for r in RATIOS]
     return found
 
 
 def slopes(done: Mapping[str, Any], kind: str, seeds: int) -> list[float]:
     """Return the slope of every seed whose lives at all ratios are done."""
-    return [slope(lives) for lives in answers.whole(done, kind, RATIOS, seeds)]
+    return [slope(lives) for lives in answers.complete_parts(done, kind, RATIOS, seeds)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

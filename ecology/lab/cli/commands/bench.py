@@ -75,7 +75,7 @@ def command(options: BenchOptions) -> None:
         raise EcologyError(f"the folder {str(out)!r} holds a benchmark; give another with --out.")
     check_writable(out)  # fail before the long part
     console = Console(stderr=True, quiet=quiet)
-    with bench.pinned(options.core) as pinned, console.status("") as status:
+    with bench.pin_to_core(options.core) as pinned, console.status("") as status:
         wanted = bench.points(counts, learners, {name: pythons.get(name, sys.executable) for name in others})
         rows, used = bench.measure(wanted, rounds=options.rounds, seconds=options.seconds, tell=status.update)
     written = bench.write(out, rows, used)
@@ -89,5 +89,5 @@ def command(options: BenchOptions) -> None:
         taken = sorted(row["calibration_seconds"] * 1e3 for row in rows)
         where = "not pinned" if pinned is None else f"core {pinned}"
         print(f"{where}; the calibration loop took {taken[0]:.1f} to {taken[-1]:.1f} ms between measurements")
-        print(", ".join(bench.called(name, version) for name, version in used.items()))
+        print(", ".join(bench.name_with_version(name, version) for name, version in used.items()))
         print(f"written: {', '.join(map(str, written))}")

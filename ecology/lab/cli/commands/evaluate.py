@@ -108,13 +108,13 @@ def command(options: EvaluateOptions) -> None:
         trained = evaluation.Trained(
             name=it.plan.learners[learner.group.name].name,
             home=None if world is it.scenario else it.scenario,
-            lived=evaluation.Lived(*it.tally.drives(learner.group.name)),
+            lived=evaluation.Lived(*it.totals.drives(learner.group.name)),
         )
         extent = evaluation.Extent(**measured, skip=min(SKIPPED, options.ticks // 10))
         findings = evaluation.evaluate(world, learner, extent, trained, tell=tell)
         tell("figures")
         with writable(where):
-            drawn = figures.draw(where / FIGURES, world, findings, learner.group.layout.names, metrics)
+            drawn = figures.draw_evaluation(where / FIGURES, world, findings, learner.group.layout.names, metrics)
             write_json(where / EVALUATION, findings.report)  # last: with it the evaluation is whole
     if not quiet:
         _say_findings(findings.report)

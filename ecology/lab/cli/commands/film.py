@@ -55,7 +55,7 @@ def command(options: FilmOptions) -> None:
     run, follow, quiet = options.run, options.follow, options.quiet
     target = run / "film.gif" if options.target is None else options.target
     scenario = load_world(run)
-    films.check(target, options.fps)
+    films.check_film(target, options.fps)
     if options.zoom is not None and follow is None:
         raise EcologyError("--zoom requires --follow WHO: the camera follows an agent.")
     shot = Shot(size=_read_size(options.size), zoom=options.zoom, trail=options.trail, beside=options.mind)

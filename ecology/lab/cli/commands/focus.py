@@ -16,7 +16,7 @@ def command(
 ) -> None:
     """Bring another agent into focus in a run that records or is watched."""
     from ecology.lab.runs.folder import check_run, is_locked
-    from ecology.observers import wishes
+    from ecology.observers import focus_requests
 
     check_run(run)
-    print(wishes.ask(run, who, lambda: is_locked(run)))
+    print(focus_requests.request_focus(run, who, lambda: is_locked(run)))

@@ -85,7 +85,7 @@ def command(options: ForkOptions) -> None:
             at,
             options.out or run.absolute().with_name(f"{run.absolute().name}-at-{at}"),
             change,
-            observers=[] if quiet else [Progress(it.tally, at)],
+            observers=[] if quiet else [Progress(it.totals, at)],
             ticks=options.ticks,
             device=options.device,
             record=options.record,

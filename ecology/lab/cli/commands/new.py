@@ -40,7 +40,7 @@ def command(
     name = name.removesuffix(".py")
     if not name.isidentifier():
         raise EcologyError(f"the name of a scenario is a Python word (letters, digits and _), got {name!r}.")
-    found = parts.chosen(with_ or ())
+    found = parts.choose_parts(with_ or ())
     path = Path(f"{name}.py")
     text = (scenarios.HERE / "_template.py").read_text(encoding="utf-8")
     text = parts.fill(text, found).replace("NAME", name)

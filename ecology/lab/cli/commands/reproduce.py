@@ -65,9 +65,9 @@ def command(
     quiet: Quiet = False,
 ) -> None:
     """Reproduce published results and compare them with ours (95 % interval) and with the closed form."""
-    from ecology.lab.certificate.cases import chosen
+    from ecology.lab.certificate.cases import choose_cases
 
-    cases = chosen(names or ())
+    cases = choose_cases(names or ())
     minds = bool(names) and "minds" in [case.name for case in cases]
     for option, value in (("seeds", seeds), ("ticks", ticks), ("life", life), ("set", set_), ("workers", workers)):
         if value and not minds:
@@ -129,11 +129,11 @@ def _measure_minds(
 
 def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
     """Run the unfinished parts of cases, and write and print their rows."""
-    from ecology.lab.certificate import ledger as ledgers
+    from ecology.lab.certificate import part_store as ledgers
     from ecology.lab.certificate import reference, report
 
-    ledger, console = ledgers.Ledger(out), Console(stderr=True, quiet=quiet)
-    work = [(case, part) for case in cases for part in ledgers.left(case, ledger)]
+    ledger, console = ledgers.PartStore(out), Console(stderr=True, quiet=quiet)
+    work = [(case, part) for case in cases for part in ledgers.unfinished_parts(case, ledger)]
     for case in cases:
         seconds = sum(part.seconds for mine, part in work if mine is case)
         console.print(
@@ -157,7 +157,7 @@ def _certify(cases: Sequence[Any], out: Path, quiet: bool) -> None:
     tables = {case.name: case.table(done[case.name]) for case in cases if case.table is not None}
     written = report.write(out, found, tables)
     for case in cases:
-        written += report.draw(out, case, done[case.name])
+        written += report.draw_case(out, case, done[case.name])
     if not quiet:
         table = Table(*report.HEAD)
         for name, rows in found.items():

@@ -121,7 +121,7 @@ def command(options: SweepOptions) -> None:
     elsewhere = options.ray or options.slurm
     gpus = cluster.gpus_per_run(elsewhere, options.device, options.gpus, options.memory)
     _check(cells, out, options.show or (), elsewhere=elsewhere is not None)
-    outcomes = [sweeps.Outcome(cell, sweeps.finished(cell)) for cell in cells]
+    outcomes = [sweeps.Outcome(cell, sweeps.finished_summary(cell)) for cell in cells]
     waiting = [outcome.cell for outcome in outcomes if outcome.summary is None]
     outcomes = [outcome for outcome in outcomes if outcome.summary is not None]
     attempt, count = _workers(options, out, gpus) if waiting else (sweeps.by_process, count_cpus)
@@ -166,7 +166,7 @@ def _check(cells: Sequence[Cell], out: Path, show: Sequence[str], *, elsewhere: 
     from ecology.lab.runs.run import Run
 
     for cell in cells:
-        sweeps.check(cell)
+        sweeps.check_cell(cell)
     sweeps.check_folder(out, cells)
 
     def built(cell: Cell) -> Run:
@@ -209,7 +209,11 @@ def _live(sweep: Sweep, waiting: Sequence[Cell], attempt: Attempt, workers: Call
         finally:
             bar.close()  # before the table
             done = [outcome for outcome in outcomes if outcome.summary is not None]
-            left = [sweeps.Outcome(cell, sweeps.lived(cell)) for cell in cells if sweeps.finished(cell) is None]
+            left = [
+                sweeps.Outcome(cell, sweeps.ended_summary(cell))
+                for cell in cells
+                if sweeps.finished_summary(cell) is None
+            ]
             unmeasured = [outcome for outcome in left if outcome.summary is not None]  # they keep their rows
             columns = sweeps.columns_of(done, show)
             with writable(out):

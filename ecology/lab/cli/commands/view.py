@@ -70,13 +70,13 @@ def command(
                 )
             world, name = load_world(run), run.absolute().name
             again = functools.partial(decisions, run, trust=trust, say=say(quiet=False)) if relive else None
-            past = Hindsight(stack.enter_context(viewer.complete(run)), world, name, again)
+            past = Hindsight(stack.enter_context(viewer.open_recording(run)), world, name, again)
             tick = past.lived_until if tick is None else tick
-            run = past.shown(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
+            run = past.write_view(focus, Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING)
         if serve:
             from ecology.observers.page import Page, Shown
 
-            shown = Shown([run.name], past.hear, files={run.name: run}, named=past.named)
+            shown = Shown([run.name], past.hear, files={run.name: run}, named=past.layer_named)
             page = Page(shown, dt=world.dt, port=web_port(port), name=name)
             stack.callback(page.close)
             print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)

@@ -1,8 +1,7 @@
 """Requests for the agent in focus: clicks in a browser, and `ecology focus`.
 
-A run takes its wishes at its samples, so whoever wishes never waits on it nor disturbs it. Clicks come
-from another thread of the same process; words from another process, by a file in the run's folder that
-the run answers in.
+A run reads its requests at its samples, so a request never blocks or disturbs it. Clicks come from another
+thread of the same process. Words come from another process, by a file in the run's folder that the run answers in.
 """
 
 from __future__ import annotations
@@ -30,11 +29,11 @@ class Click:
     tick: float | None = None  # that was shown; None where it is not known
 
 
-class Wishes:
-    """What is wished of one run; `click` may be called from any thread."""
+class FocusRequests:
+    """The requests for one run; `click` may be called from any thread."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Take clicks, and with a `folder` the words that `ask` leaves there from now on."""
+        """Take clicks, and with a `folder` the words that `request_focus` leaves there from now on."""
         self._clicks: deque[Click] = deque(maxlen=KEPT)
         self._names: deque[tuple[str, Future[str]]] = deque()
         self._mailbox = None if folder is None else Mailbox(folder, KIND)
@@ -48,7 +47,7 @@ class Wishes:
         self.click(click)
 
     def name(self, word: str, patience: float = PATIENCE) -> str:
-        """Wish for `word` from another thread, and return what the run says; EcologyError where it refuses."""
+        """Request `word` from another thread and return what the run says; EcologyError if it refuses."""
         answer: Future[str] = Future()
         self._names.append((word, answer))
         try:
@@ -94,10 +93,10 @@ class Wishes:
             self._mailbox.answer(word, said, done=done)
 
 
-def ask(folder: Path, word: str, lives: Callable[[], bool], patience: float = PATIENCE) -> str:
-    """Wish for `word` of the run in `folder`, which `lives`; return what it says.
+def request_focus(folder: Path, word: str, lives: Callable[[], bool], patience: float = PATIENCE) -> str:
+    """Request `word` of the run in `folder`, which `lives`; return what it says.
 
-    Raises EcologyError where the run refuses, has ended or does not answer.
+    Raises EcologyError if the run refuses, has ended or does not answer.
     """
     return request(
         folder,

@@ -18,7 +18,7 @@ from ecology.state import CAUSES
 BLOCKS = 2**16  # in which the ticks of a run are summed up: one tick each, then two, four, ...
 
 
-class Tally:
+class RunSummary:
     """Running sums over a run, an observer: what summary.json says.
 
     What is asked of a stretch of ticks is summed in blocks. Up to `BLOCKS` ticks a block is one tick; when the blocks
@@ -108,7 +108,7 @@ class Tally:
 
     def _measure(self, state: State) -> None:
         """Take the scenario's measures; one at the last tick that is no sample is kept, and not summed up."""
-        self.measured[:] = self._scenario.measured(state)
+        self.measured[:] = self._scenario.measure(state)
         if state.tick % self._every:
             return
         finite = np.isfinite(self.measured)

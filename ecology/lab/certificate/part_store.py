@@ -15,7 +15,7 @@ from ecology.lab.runs.folder import replace_text
 PARTS = "parts"  # folder of the parts that are done
 
 
-class Ledger:
+class PartStore:
     """The finished parts, one JSON file each in the folder."""
 
     def __init__(self, folder: Path) -> None:
@@ -49,17 +49,17 @@ class Ledger:
         return json.loads(json.dumps({"version": ecology.__version__, **part.parameters}))
 
 
-def left(case: Case, ledger: Ledger) -> list[Part]:
+def unfinished_parts(case: Case, ledger: PartStore) -> list[Part]:
     """Return the parts of a case that are not done."""
     return [part for part in case.parts() if ledger.read(case, part) is None]
 
 
-def rows(case: Case, ledger: Ledger) -> list[Row]:
+def rows(case: Case, ledger: PartStore) -> list[Row]:
     """Return the rows of a case, as far as its parts are done."""
     return case.rows(values(case, ledger))
 
 
-def values(case: Case, ledger: Ledger) -> dict[str, Any]:
+def values(case: Case, ledger: PartStore) -> dict[str, Any]:
     """Return the values of the finished parts of a case, by their keys."""
     found = {part.key: ledger.read(case, part) for part in case.parts()}
     return {key: value for key, value in found.items() if value is not None}
