@@ -16,6 +16,7 @@ import stat
 import tempfile
 import types
 import typing
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -116,8 +117,17 @@ def keep_compiled(function: Any, sources: tuple[Path, ...]) -> Any:
     """
     function.enable_caching()
     own = Path(function.py_func.__code__.co_filename)
-    function._cache._cache_file._source_stamp = _digest((own, *sources))
+    file = function._cache._cache_file
+    file._source_stamp, file._load_index = _digest((own, *sources)), functools.partial(_load_index, file._load_index)
     return function
+
+
+def _load_index(load: Callable[[], Any]) -> Any:
+    """Return the index of kept code; empty if an older version wrote it and a class in it has another name now."""
+    try:
+        return load()
+    except (AttributeError, ImportError):
+        return {}
 
 
 def is_kept(function: Any) -> bool:

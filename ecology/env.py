@@ -60,7 +60,8 @@ class Ecology(ParallelEnv):
         if not self.open_population:  # with births there is no end of names: see ecology.fixed
             founders = self.world.model.founders()
             self.possible_agents = [f"{s.name}_{serial}" for s, serials in founders for serial in serials]
-        self._named: tuple[int, list[str], dict[str, int]] = -1, [], {}  # turnover, then `agents` and their slots
+        # turnover, then `agents`, their slots by name and their slots (n,)
+        self._named: tuple[int, list[str], dict[str, int], Ints] = -1, [], {}, np.empty(0, np.int64)
         self._window: Any = None  # of render_mode "human"
         self._picture: Any = None  # of `render`, drawn upon again and again
 
@@ -253,13 +254,13 @@ class Ecology(ParallelEnv):
         """Return the slots of `agents`, by name."""
         return self._enlist()[1]
 
-    def _enlist(self) -> tuple[list[str], dict[str, int]]:
-        """Return `agents` and their slots by name, found again only after a birth or a death."""
+    def _enlist(self) -> tuple[list[str], dict[str, int], Ints]:
+        """Return `agents`, their slots by name and their slots (n,), found again only after a birth or a death."""
         if not self.world.started or self._is_at_horizon():
-            return [], {}
+            return [], {}, np.empty(0, np.int64)
         if self._named[0] != self.world.turnover:
             slots = self.world.model.living(self.world.state)
-            self._named = self.world.turnover, list(slots), slots
+            self._named = self.world.turnover, list(slots), slots, np.array(list(slots.values()), np.int64)
         return self._named[1:]
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
@@ -297,8 +298,8 @@ class Ecology(ParallelEnv):
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Start a new episode; without a seed, from one that is drawn or derived from the last: see `reset_arrays`."""
         tick = self.reset_arrays(seed)
-        slots = np.array(list(self._slots.values()), np.int64)
-        return self._observation_dict(tick, self.agents, slots), self._info_dict(tick, self.agents, slots)
+        names, _, slots = self._enlist()
+        return self._observation_dict(tick, names, slots), self._info_dict(tick, names, slots)
 
     def step(
         self, actions: dict[str, Any], steering: Floats | None = None
@@ -312,17 +313,16 @@ class Ecology(ParallelEnv):
         if self._is_over():
             self._read(actions)
             return {}, {}, {}, {}, {}
-        names = self.agents
-        slots = np.array(list(self._slots.values()), np.int64)
+        names, _, slots = self._enlist()
         array = np.zeros(self.size, np.int64)
         array[slots] = self._read(actions)
         tick = self.step_arrays(array, steering)
         over = self._is_at_horizon()
-        if tick.born.any() and not over:
+        if self.open_population and tick.born.any() and not over:
             slots = np.union1d(slots, np.flatnonzero(tick.born))
             names = [self.name_of(slot) for slot in slots.tolist()]
-        rewards = dict(zip(names, tick.reward[slots].tolist(), strict=True))
-        terminations = dict(zip(names, (~tick.alive[slots]).tolist(), strict=True))
+        rewards = dict(zip(names, self._of(slots, tick.reward).tolist(), strict=True))
+        terminations = dict(zip(names, (~self._of(slots, tick.alive)).tolist(), strict=True))
         truncations = dict.fromkeys(names, over)
         observations, infos = self._observation_dict(tick, names, slots), self._info_dict(tick, names, slots)
         return observations, rewards, terminations, truncations, infos
@@ -338,15 +338,17 @@ class Ecology(ParallelEnv):
     def _read(self, actions: Any) -> np.ndarray:
         """Return the actions of `self.agents` (n,) from a dict, or raise EcologyError."""
         require(isinstance(actions, Mapping), f"actions are a dict, name to action, got {actions!r}.")
-        missing = [name for name in self.agents if name not in actions]
-        require(not missing, f"every living agent needs an action; missing: {', '.join(missing[:5])}.")
-        for name in actions if len(actions) > len(self.agents) else ():
-            if name not in self._slots:
+        names, slots, _ = self._enlist()
+        if not slots.keys() <= actions.keys():
+            missing = [name for name in names if name not in actions]
+            raise EcologyError(f"every living agent needs an action; missing: {', '.join(missing[:5])}.")
+        for name in actions if len(actions) > len(names) else ():
+            if name not in slots:
                 self.species_of(name)
                 raise EcologyError(f"the life of {name!r} is over, it cannot act; act for `env.agents` only.")
-        wanted = [actions[name] for name in self.agents]
+        wanted = list(map(actions.__getitem__, names))
         if not all(issubclass(kind, (int, np.integer)) and kind is not bool for kind in set(map(type, wanted))):
-            for name, action in zip(self.agents, wanted, strict=True):
+            for name, action in zip(names, wanted, strict=True):
                 require(
                     (isinstance(action, (int, np.integer)) and not isinstance(action, bool))
                     or (isinstance(action, np.ndarray) and action.shape == () and action.dtype.kind in "iu"),
@@ -359,20 +361,21 @@ class Ecology(ParallelEnv):
             raise EcologyError(f"an action is an index into its action space, got {max(wanted, key=abs)}.") from error
 
     def _observation_dict(self, tick: Tick, names: list[str], slots: Ints) -> dict[str, Any]:
-        found = {}
+        found: dict[str, Any] = {}
         for group, part, rows in self._parts(slots):
-            zeta, mask = tick.observations[group.name][rows], tick.masks[group.name][rows].view(np.int8)
-            for name, observation, open_ in zip(names[part], zeta, mask, strict=True):
-                found[name] = {"observation": observation, "action_mask": open_}
+            zeta, mask = tick.observations[group.name], tick.masks[group.name]  # the world decides by the masks
+            zeta, mask = (zeta, mask.copy()) if len(rows) == len(zeta) else (zeta[rows], mask[rows])
+            shown = zip(names[part], zeta, mask.view(np.int8), strict=True)
+            found |= {name: {"observation": one, "action_mask": open_} for name, one, open_ in shown}
         return found
 
     def _info_dict(self, tick: Tick, names: list[str], slots: Ints) -> dict[str, dict[str, Any]]:
-        found: dict[str, dict[str, Any]] = {}
-        for _, part, _ in self._parts(slots):
-            drive, closed = tick.drive[slots[part]].tolist(), tick.closed[slots[part]].tolist()
-            for name, d, shut in zip(names[part], drive, closed, strict=True):
-                found[name] = {"drive": d, "closed": shut}
-        return found
+        drive, closed = self._of(slots, tick.drive).tolist(), self._of(slots, tick.closed).tolist()
+        return {name: {"drive": d, "closed": shut} for name, d, shut in zip(names, drive, closed, strict=True)}
+
+    def _of(self, slots: Ints, array: np.ndarray) -> np.ndarray:
+        """Return the rows of the ordered `slots` of an `array` (N, ...), which is not copied if they are all."""
+        return array if len(slots) == self.size else array[slots]
 
     def _parts(self, slots: Ints) -> Iterator[tuple[Group, slice, Ints]]:
         """Yield each group with the part of the ordered `slots` that is its own, and their rows in it."""

@@ -14,6 +14,8 @@ from ecology.state import Bools, Floats, Ints
 
 use_cache(__file__, plane.__file__)
 
+BINS = 32  # for sorting the others near one roughly
+
 
 class Pairs(NamedTuple):
     """P directed pairs of living slots, by `who`, and for each the nearest first."""
@@ -75,6 +77,37 @@ def _sort_into_cells(
     return cell, start, order, x, y
 
 
+@within
+def _spans(row: int, reach: int, count: int, torus: bool) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the rows within `reach` of a `row` of `count`, from and to; over the seam of a torus there are others."""
+    low, high = row - reach, row + reach + 1
+    beyond = (0, 0)
+    if torus and low < 0:
+        beyond = (count + low, count)
+    elif torus and high > count:
+        beyond = (0, high - count)
+    return (max(low, 0), min(high, count)), beyond
+
+
+@within
+def _sort_roughly(square: Floats, index: Ints, count: int, most: float, room: tuple[Ints, Floats, Ints]) -> None:
+    """Sort the first `count` squared distances of at most `most`, and their indices, into bins of equal area.
+
+    Numbers in one bin stay as they come. Points that lie evenly fill all bins alike, so few are left out of order.
+    """
+    bins, squares, indices = room
+    scale = BINS / max(most, 1e-300)
+    bins[:] = 0
+    for k in range(count):
+        bins[int(square[k] * scale) + 1] += 1
+    for b in range(1, BINS + 1):
+        bins[b] += bins[b - 1]
+    for k in range(count):
+        b = int(square[k] * scale)
+        squares[bins[b]], indices[bins[b]] = square[k], index[k]
+        bins[b] += 1
+
+
 @compiled
 def pairs_within(
     points: Floats, alive: Bools, low: Floats, size: Floats, period: Floats, radius: float, room: int
@@ -94,7 +127,8 @@ def pairs_within(
     starts = np.zeros(n + 1, np.int64)
     who, other, gap, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
     most = radius * radius * (1.0 + 1e-9)  # beyond it nobody needs a root
-    close, index = np.empty(n + 1), np.empty(n + 1, np.int64)  # of those near one
+    square, close, index = np.empty(n), np.empty(n + 1), np.empty(n + 1, np.int64)  # of those near one
+    squares, indices, bins = np.empty(n + 1), np.empty(n + 1, np.int64), np.empty(BINS + 2, np.int64)
     reach_x, reach_y = (1 if nx > 1 else 0), (1 if ny > 1 else 0)
     p = 0
     for i in range(n):
@@ -110,26 +144,24 @@ def pairs_within(
                 cx %= nx
             elif cx < 0 or cx >= nx:
                 continue
-            for b in range(-reach_y, reach_y + 1):
-                cy = cell[i, 1] + b
-                if torus:
-                    cy %= ny
-                elif cy < 0 or cy >= ny:
-                    continue
-                c = cx * ny + cy
-                for k in range(start[c], start[c + 1]):  # without a branch: about a third is near enough
+            for low_y, high_y in _spans(cell[i, 1], reach_y, ny, torus):
+                # an unsigned index is never negative, so that nothing is checked and distances are computed in fours
+                begin, end = np.uint64(start[cx * ny + low_y]), np.uint64(start[cx * ny + high_y])
+                for k in range(begin, end):
                     dx, dy = way_along(xi, x[k], period_x), way_along(yi, y[k], period_y)
-                    square = dx * dx + dy * dy
-                    close[found], index[found] = square, order[k]
-                    found += (square <= most) & (order[k] != i)
+                    square[k - begin] = dx * dx + dy * dy
+                for k in range(begin, end):  # without a branch: about a third is near enough
+                    close[found], index[found] = square[k - begin], order[k]
+                    found += (square[k - begin] <= most) & (order[k] != i)
+        _sort_roughly(close, index, found, most, (bins, squares, indices))
         if p + found > room:
             room = 2 * room + found
             who, other, distance = _longer(who, room), _longer(other, room), _longer(distance, room)
         for k in range(found):
-            d, j = math.sqrt(close[k]), index[k]
+            d, j = math.sqrt(squares[k]), indices[k]
             if d > radius:
                 continue
-            at = p  # insertion: the pairs of one are few
+            at = p  # insertion: few are out of order
             while at > first and (distance[at - 1] > d or (distance[at - 1] == d and other[at - 1] > j)):
                 distance[at], other[at] = distance[at - 1], other[at - 1]
                 at -= 1

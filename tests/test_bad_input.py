@@ -581,7 +581,7 @@ def test_an_unknown_agent_has_no_space(env):
 
 
 def test_a_wrong_probe_is_named(env):
-    """`put` knows the fields of the state and their shapes."""
+    """`set_state` knows the fields of the state and their shapes."""
     with pytest.raises(EcologyError, match=r"no array 'positon'.*'position'"):
         env.set_state(positon=np.zeros((3, 2)))
     with pytest.raises(EcologyError, match=r"shape \(3, 2\), got \(2,\)"):

@@ -6,6 +6,7 @@ import ast
 import ctypes
 import importlib
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import numba
 import numpy as np
 import pytest
 from numba import types
@@ -219,21 +221,37 @@ print(kept, root(1), sum(root.stats.cache_hits.values()))
 }
 
 
+def write_kernels(folder: Path) -> None:
+    """Write the two files of kernels."""
+    for name, text in KERNELS.items():
+        (folder / name).write_text(text)
+
+
+def run_kernels(folder: Path) -> list[str]:
+    """Return what the program prints: whether code was kept, the result, and the number of cache hits."""
+    done = subprocess.run(
+        [sys.executable, "-B", str(folder / ROOT_KERNEL)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
 def test_compiled_code_is_kept_until_any_of_its_sources_changes(tmp_path: Path) -> None:
     """A kernel is compiled again after a change in another file that it calls, also one with an older date."""
-    for name, text in KERNELS.items():
-        (tmp_path / name).write_text(text)
-
-    def run() -> list[str]:
-        done = subprocess.run(
-            [sys.executable, "-B", str(tmp_path / ROOT_KERNEL)], capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout.split()
-
-    assert run() == ["False", "20", "0"]
-    assert run() == ["True", "20", "1"]
+    write_kernels(tmp_path)
+    assert run_kernels(tmp_path) == ["False", "20", "0"]
+    assert run_kernels(tmp_path) == ["True", "20", "1"]
     (tmp_path / LEAF).write_text(KERNELS[LEAF].replace("x + 1", "x + 2"))
     os.utime(tmp_path / LEAF, (1_000, 1_000))
-    assert run() == ["False", "30", "0"]
-    assert run() == ["True", "30", "1"]
+    assert run_kernels(tmp_path) == ["False", "30", "0"]
+    assert run_kernels(tmp_path) == ["True", "30", "1"]
+
+
+def test_code_kept_for_a_class_that_was_renamed_is_compiled_again(tmp_path: Path) -> None:
+    """The index that an older version of the package left counts as none."""
+    write_kernels(tmp_path)
+    assert run_kernels(tmp_path) == ["False", "20", "0"]
+    for index in tmp_path.rglob("root.root-*.nbi"):
+        index.write_bytes(pickle.dumps(numba.__version__) + b"cleaf\nRenamed\n.")  # a reference to leaf.Renamed
+    assert run_kernels(tmp_path) == ["False", "20", "0"]
+    assert run_kernels(tmp_path) == ["True", "20", "1"]

@@ -93,7 +93,7 @@ def test_a_world_with_doors_keeps_the_contract():
 
 
 def test_a_door_can_be_put_between_ticks():
-    """`put` opens and closes doors, and walls follow at once."""
+    """`set_state` opens and closes doors, and walls follow at once."""
     env = start(hall())
     env.set_state(doors=np.array([True]))
     assert env.state_view.seen.all()

@@ -307,7 +307,7 @@ def test_nothing_is_placed_in_a_hole():
 
 
 def test_a_place_in_a_hole_is_refused():
-    """By `put`, `settle`, an intervention's place, and a rule."""
+    """By `set_state`, `settle`, an intervention's place, and a rule."""
     env = start(world_of(room(holes=[BOX]), kind(count=1, capacity=2)), position=[[1.0, 1.0], [1.0, 1.0]])
     with pytest.raises(EcologyError, match="inside the arena"):
         env.set_state(position=[[4.0, 4.0], [1.0, 1.0]])

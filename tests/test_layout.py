@@ -9,8 +9,10 @@ import pkgutil
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from ecology.lab.runs.run import Run
@@ -18,7 +20,8 @@ from ecology.lab.runs.run_config import resolve
 from ecology.observers import layout, maps, shapes
 from ecology.observers import panels as files
 from ecology.observers.layout import PLACED, UNTOUCHED, Box, blueprint
-from ecology.observers.panels.base import Panel, labelled
+from ecology.observers.panels.base import Batch, Panel, labelled
+from ecology.observers.panels.coupling import Coupling
 from ecology.observers.panels.futures import Futures
 from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
@@ -132,3 +135,22 @@ def test_a_life_that_cannot_change_is_left_out(name: str, shown: list[str], tmp_
     scene = scene_of(name, tmp_path)
     origins = {str(getattr(part, "origin", "")) for part in parts(scene)}
     assert [each for each in scene.groups if f"/focus/{each}/needs" in origins] == shown
+
+
+def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Path) -> None:
+    """The matrix of one agent that feels two is drawn as cells of pixels, with all names, all weights and a scale."""
+    scene, told = scene_of("food_share", tmp_path), dict[str, Any]()
+    panel = Coupling(scene, "possessor")
+    rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: told.update({entity: what}))
+    weight = np.array([[1.0, 0.5]], np.float32), ["possessor_0"], ["possessor_0", "partner_1"]
+    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: weight}}]))
+    image, _ = told["population/coupling/possessor/image"]
+    height, width = (
+        image.format.as_arrow_array().to_pylist()[0]["height"],
+        image.format.as_arrow_array().to_pylist()[0]["width"],
+    )
+    assert height > 4
+    assert width == 2 * height
+    (words,) = told["population/coupling/possessor/names"]
+    shown = words.labels.as_arrow_array().to_pylist()
+    assert sorted(shown) == sorted(["dark 0, bright 1", "possessor_0", "possessor_0", "partner_1", "1", "0.5"])

@@ -168,7 +168,7 @@ def plotted_names(scenario: Scenario) -> tuple[str, ...]:
 
 
 def measure_world(scenario: Scenario, state: State) -> Floats:
-    """Return what is plotted of the world as a whole, in the order of `plotted`."""
+    """Return what is plotted of the world as a whole, in the order of `plotted_names`."""
     return np.array([*scenario.measure(state), *(() if state.cue is None else state.cue), *_means(scenario, state)])
 
 

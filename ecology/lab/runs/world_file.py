@@ -69,7 +69,7 @@ def _encode(value: Any) -> Any:
 
 
 def _decode(kind: Any, value: Any) -> Any:
-    """Return what `_encoded` made `value` of, which is of the annotated type `kind`; only known classes are built."""
+    """Return what `_encode` made `value` of, which is of the annotated type `kind`; only known classes are built."""
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (Union, UnionType):
         if value is None:

@@ -12,7 +12,10 @@ from ecology.observers import colours
 from ecology.observers.panels.base import Batch, Panel, Watch, set_times, text
 from ecology.observers.scene import INK, MAP_SCALE
 
-NAMED = 12  # rows and columns up to which names stand beside them
+WIDE = (2.0, 1.0)  # width and height of the rectangle in which a matrix is drawn
+ROWS, COLUMNS = 4, 6  # names beside and below it, at most
+UP = 0.14  # by which a word begins above the middle of its cell
+PIXELS = 8  # of a cell
 COUPLED = 128  # agents of a species whose coupling is drawn, at most
 
 
@@ -44,7 +47,7 @@ class Coupling(Panel):
         )
 
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
-        """Draw the matrices, with a scale, and with names where there is room for them."""
+        """Draw the matrices in a rectangle of one size, with a scale, names, and numbers where there is room."""
         entity = f"population/coupling/{self.name}"
         for s, found in zip(batch.samples, batch.of(self), strict=True):
             if found is None:
@@ -53,16 +56,27 @@ class Coupling(Panel):
             low, high = min(float(weight.min()), 0.0), max(float(weight.max()), 1e-9)
             set_times(rec, s["tick"], s["time"])
             rec.log(entity, rr.Tensor(weight, dim_names=("feels", "felt")))
-            rec.log(f"{entity}/image", rr.Image(colours.shade(MAP_SCALE, weight, low, high)))
-            (n, m), words = weight.shape, [f"dark {low:.2f}, bright {high:.2f}"]
-            spots = [(m / 2, -0.10 * n)]
-            if max(n, m) <= NAMED:
-                spots += [(-0.14 * m, i + 0.45) for i in range(n)] + [(j + 0.5, n + 0.05 * n) for j in range(m)]
-                words += [*feels, *felt]
+            # the viewer takes a picture of one row for something else: a cell is several pixels
+            image = colours.shade(MAP_SCALE, weight, low, high).repeat(PIXELS, axis=0).repeat(PIXELS, axis=1)
+            (tall, wide), (n, m) = (WIDE[1] / image.shape[0], WIDE[0] / image.shape[1]), weight.shape
+            rec.log(f"{entity}/image", rr.Image(image), rr.Transform3D(scale=[wide, tall, 1]))
+            spots, words = [(0.5 * WIDE[0], -0.32)], [f"dark {low:.3g}, bright {high:.3g}"]
+            x, y = (np.arange(m) + 0.5) * WIDE[0] / m, (np.arange(n) + 0.5) * WIDE[1] / n - UP
+            for i in range(0, n, -(-n // ROWS)):
+                spots.append((-0.42, y[i]))
+                words.append(feels[i])
+            for k, j in enumerate(range(0, m, -(-m // COLUMNS))):  # in two lines, by turns
+                spots.append((x[j], WIDE[1] + 0.02 + 0.2 * (k % 2)))
+                words.append(felt[j])
+            if n <= ROWS and m <= COLUMNS:
+                spots += [(x[j], y[i]) for i in range(n) for j in range(m)]
+                words += [f"{each:.2g}" for each in weight.ravel()]
             rec.log(f"{entity}/names", *text(spots, words, [INK] * len(words)))
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the matrix: rows feel, columns are felt."""
         entity = f"/population/coupling/{self.name}"
         name = f"{self.name}: who (row) feels whom (column)"
-        return [rrb.Spatial2DView(origin=entity, contents=[f"+ {entity}/image", f"+ {entity}/names"], name=name)]
+        around = rrb.VisualBounds2D(x_range=[-0.85, WIDE[0] + 0.1], y_range=[-0.36, WIDE[1] + 0.45])
+        shown = [f"+ {entity}/image", f"+ {entity}/names"]
+        return [rrb.Spatial2DView(origin=entity, contents=shown, name=name, visual_bounds=around)]

@@ -21,7 +21,7 @@ def part_of_bent_drive(s, y, v):
 
 @within
 def slope_of_bent_drive(s, y, v):
-    """Return the slope of `bent_square` along y, divided by n."""
+    """Return the slope of `part_of_bent_drive` along y, divided by n."""
     size = y * s.above[v] if y > ZERO else -y
     if size <= ZERO:
         return ZERO

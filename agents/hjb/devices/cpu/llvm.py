@@ -1,7 +1,7 @@
 """LLVM instructions that Numba does not offer: one name each, in one place.
 
-`fused` and `tiles` fix the rounding of every product, so all processors give the same bits. `control_word` makes the
-processor take subnormal numbers for zero. The others save time: docs/decisions.md says how much.
+`multiply_and_add` and `tiles` fix the rounding of every product, so all processors give the same bits. `control_word`
+makes the processor take subnormal numbers for zero. The others save time: docs/decisions.md says how much.
 """
 
 from __future__ import annotations
