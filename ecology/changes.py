@@ -128,7 +128,8 @@ def check_changes(changed: dict[str, np.ndarray], state: State, model: Model) ->
 def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -> None:
     """Raise EcologyError if a snapshot's state, or the inputs `told` of its solver, has values that no world can reach.
 
-    A fork may change the arena, the bounds and the stocks of a scenario under a state, so those are not compared.
+    A fork may change the arena, the bounds and the stocks of a scenario under a state, so those are not compared; see
+    `check_stocks` for a run that is no fork.
     """
     slots, patches, names = model.size, len(model.resources.stock), state.next_serial
     for name, count in (("tick", state.tick), ("next_serial", names), ("returned", state.returned)):
@@ -171,6 +172,12 @@ def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -
     _hold("serial", state.serial, (state.serial >= 0) | ~state.alive, "at least 0 where alive", SNAPSHOT)
     fits = ((state.cause > 0) == ~state.alive) | (state.serial < 0)
     _hold("cause", state.cause, fits, "0 where alive and above 0 where dead", SNAPSHOT)
+
+
+def check_stocks(state: State, model: Model) -> None:
+    """Raise EcologyError if a stock of a snapshot is beyond the capacity of its resource."""
+    most = model.resources.capacity * (1.0 + ROUNDING)
+    _hold("stock", state.stock, state.stock <= most, "at most the capacity", SNAPSHOT)
 
 
 def inside(scenario: Scenario, place: Floats) -> Bools:

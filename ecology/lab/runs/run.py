@@ -17,6 +17,7 @@ import numpy as np
 from ecology import Ecology, EcologyError, Scenario, Tick, agents, faults
 from ecology.agents import checkpoint, loop
 from ecology.agents.base import DivergedError
+from ecology.changes import check_stocks
 from ecology.errors import writable
 from ecology.interventions import intervene
 from ecology.lab.runs import source, twins
@@ -164,6 +165,8 @@ class Run:
         for species, learner in self.learners.items():
             learner.restore(*parts[f"learner_{species}"])
         self.tick = self.env.restore(*parts["world"])
+        if not self.plan.forked and not self.env.world.changes:  # those may lower a capacity
+            check_stocks(self.env.state_view, self.env.world.model)
         if self.totals.tick != self.now:
             raise EcologyError(f"the world is at tick {self.now}, its sums at {self.totals.tick}.")
 

@@ -263,12 +263,16 @@ class RunSummary:
         seconds = np.array(values["seconds"], float)
         if seconds.shape != (3,) or not (np.isfinite(seconds) & (seconds >= 0)).all():
             raise EcologyError(f"seconds are three numbers of at least 0, got {values['seconds']!r}.")
-        most = self._env.size * max(tick, 1)  # of anything that is counted
+        most = 2 * self._env.size * max(tick, 1)  # of anything that is counted, in and between ticks
+        if values["closed"] > most:
+            raise EcologyError(f"{values['closed']!r} closed actions were not asked for in {tick} ticks.")
+        positive = {"own_drive", "delta"} if self._feels else {"drive", "own_drive", "delta"}
         for name in self.ARRAYS:
             mine = getattr(self, name)
             like = mine[: -(-tick // span)] if name in self.BLOCKED else mine
             known = not name.startswith("measured") or name == "measured_count"  # a measure may be anything
-            low, below = (0, 1 + most) if mine.dtype.kind == "i" else (None, None)
+            counts = mine.dtype.kind == "i"
+            low, below = 0 if counts or name in positive else None, 1 + most if counts else None
             checkpoint.check_array(name, arrays[name], like, finite=known, low=low, below=below)
         for name in self.ARRAYS:
             mine = getattr(self, name)
