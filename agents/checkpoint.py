@@ -63,7 +63,7 @@ def previous_of(folder: Path) -> Path:
     return _beside(folder, ".previous")
 
 
-def there(folder: Path) -> bool:
+def exists(folder: Path) -> bool:
     """Return whether `folder` holds a checkpoint, be it one left between two renames."""
     return folder.exists() or previous_of(folder).exists()
 
@@ -97,9 +97,9 @@ def read(folder: Path, *, previous: bool = False) -> dict[str, Part]:
     except EcologyError:
         raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, SafetensorError) as error:
-        told = f"{type(error).__name__}: {error}"
+        cause = f"{type(error).__name__}: {error}"
         raise EcologyError(
-            f"the checkpoint {str(folder)!r} is damaged or foreign ({told}). {advice(folder)}"
+            f"the checkpoint {str(folder)!r} is damaged or foreign ({cause}). {advice(folder)}"
         ) from error
     raise EcologyError(
         f"the checkpoint {str(folder)!r} was written by ecology {made_by[1]} in format {made_by[0]!r}; this is ecology "

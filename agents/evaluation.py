@@ -151,7 +151,7 @@ def correlation(rank: bool, a: Floats, b: Floats) -> float | None:
 def maps_report(maps: Maps, scenario: Scenario, group: Group) -> dict[str, Any]:
     """Return, per need, where the minimum lies and how the map follows the walking distance."""
     species = scenario.species[group.index]
-    told: dict[str, Any] = {}
+    report: dict[str, Any] = {}
     for i, (need, served_by) in enumerate(zip(maps.needs, maps.resources, strict=True)):
         if served_by < 0:
             continue
@@ -160,7 +160,7 @@ def maps_report(maps: Maps, scenario: Scenario, group: Group) -> dict[str, Any]:
         assert resource.position is not None  # `maps_of` leaves out those without a place
         distance = math.dist(at, resource.position)
         reached = np.isfinite(maps.walk[i][inside])
-        told[species.needs[need].name] = {
+        report[species.needs[need].name] = {
             "resource": resource.name,
             "minimum": list(at),
             "distance_of_minimum": distance,
@@ -171,7 +171,7 @@ def maps_report(maps: Maps, scenario: Scenario, group: Group) -> dict[str, Any]:
             "lowest": float(np.nanmin(maps.value[i])),
             "highest": float(np.nanmax(maps.value[i])),
         }
-    return told
+    return report
 
 
 # ---- the probe ---------------------------------------------------------------------------
@@ -207,7 +207,7 @@ def probe(
     serves = serving(scenario, table)
     rng = np.random.default_rng(seed)
     names = [resource.name for resource in scenario.resources]
-    told: dict[str, Any] = {}
+    report: dict[str, Any] = {}
     for need in mapped_needs(species):
         if need not in serves:
             continue
@@ -223,14 +223,14 @@ def probe(
             eaten += first.tolist()
             waited += after[first == serves[need]].tolist()
         counts = {name: eaten.count(r) for r, name in enumerate(names)} | {"nothing": eaten.count(-1)}
-        told[species.needs[need].name] = {
+        report[species.needs[need].name] = {
             "resource": names[serves[need]],
             "trials": len(eaten),
             "share_right": eaten.count(serves[need]) / len(eaten),
             "first_eaten": counts,
             "median_ticks_when_right": float(np.median(waited)) if waited else None,
         }
-    return told
+    return report
 
 
 def first_meals(env: Ecology, learner: Learner, tick: Tick, table: ActionTable, limit: int) -> tuple[Ints, Ints]:
@@ -356,12 +356,12 @@ def transition_check(
     zeta = np.concatenate([life.zeta[life.alive[:, slot], slot] for life in lives])
     open_ = moves.open(np.concatenate([life.masks[life.alive[:, slot], slot] for life in lives]))  # (m, M)
     angle = np.array(group.layout.kinds) == "angle"
-    told: dict[str, Any] = {}
+    report: dict[str, Any] = {}
     for m, name in enumerate(moves.names):
         at = np.flatnonzero(open_[:, m])
         at = rng.choice(at, min(len(at), states), replace=False)
         if not len(at):
-            told[name] = {"states": 0, "share_explained": None, "duration": None, "duration_error": None}
+            report[name] = {"states": 0, "share_explained": None, "duration": None, "duration_error": None}
             continue
         guess = predict(slot, zeta[at].astype(np.float32))
         true, lasted = zip(*(carry_out(env, learner, m, zeta[i], slot) for i in at), strict=True)
@@ -371,13 +371,13 @@ def transition_check(
             difference[:, angle] = wrap(difference[:, angle])
         scale = group.layout.scale
         whole = float(((change / scale) ** 2).sum())
-        told[name] = {
+        report[name] = {
             "states": len(at),
             "share_explained": 1 - float(((error / scale) ** 2).sum()) / whole if whole > 1e-12 else None,
             "duration": float(np.mean(lasted)) * group.dt,
             "duration_error": float(np.abs(guess["duration"][:, m] - np.array(lasted) * group.dt).mean()),
         }
-    return told
+    return report
 
 
 def carry_out(env: Ecology, learner: Learner, movement: int, zeta: Floats, slot: int) -> tuple[Floats, int]:

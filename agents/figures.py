@@ -73,7 +73,7 @@ def arena(ax: Axes, scenario: Scenario, highlight: int = -1, labels: bool = True
     ax.set_ylabel("y, length")
 
 
-def deviation_maps(maps: Maps, scenario: Scenario, species: Species, told: Mapping[str, Any]) -> Figure:
+def deviation_maps(maps: Maps, scenario: Scenario, species: Species, report: Mapping[str, Any]) -> Figure:
     """Draw the paper's panels: J over the arena, one need at its worst in each."""
     count = len(maps.needs)
     columns = min(count, 2)
@@ -90,7 +90,7 @@ def deviation_maps(maps: Maps, scenario: Scenario, species: Species, told: Mappi
         ax.plot(*maps.minimum(i), marker="x", color="#D55E00", markersize=10, markeredgewidth=2.8, zorder=6)
         words = species.needs[need]
         title = f"({'abcdefgh'[i % 8]}) {words.name} at $-x^*$ = {-words.set_point:g}, all else 0"
-        rank = told.get(words.name, {}).get("spearman_with_walking_distance")
+        rank = report.get(words.name, {}).get("spearman_with_walking_distance")
         if rank is not None:
             title += f"\nrank correlation with walking distance {rank:.2f}"
         ax.set_title(title, fontsize=10)
@@ -258,11 +258,11 @@ def deviation_check(checks: Mapping[str, DeviationCheck]) -> Figure:
     high = 1.05 * max((float(e.max()) for e in ends if len(e)), default=1.0)
     ax.plot([low, high], [low, high], color=FAINT, linewidth=1.2, zorder=1)
     for name, check in checks.items():
-        told = check.report()
+        report = check.report()
         mark, colour = marks.get(name, ("s", INK))
         label = words.get(name, name)
-        if told["correlation"] is not None:
-            label += f": correlation {told['correlation']:.2f}, bias {told['bias']:+.2f}"
+        if report["correlation"] is not None:
+            label += f": correlation {report['correlation']:.2f}, bias {report['bias']:+.2f}"
         ax.scatter(check.measured, check.learned, s=18, marker=mark, facecolor="none", edgecolor=colour, label=label)
     ax.set_xlim(low, high)
     ax.set_ylim(low, high)
@@ -282,12 +282,12 @@ def draw_evaluation(
     `layout` names the components of zeta, `metrics` is the run's metrics.parquet for the losses. A
     figure for which there is nothing to show (a learner without a J) is left out.
     """
-    told, life = findings.report, findings.life
-    species = next(s for s in scenario.species if s.name == told["species"])
-    slot = told["slot"]
+    report, life = findings.report, findings.life
+    species = next(s for s in scenario.species if s.name == report["species"])
+    slot = report["slot"]
     figures: dict[str, Figure] = {}
     if findings.maps is not None:
-        figures["deviation_maps"] = deviation_maps(findings.maps, scenario, species, told["deviation_maps"])
+        figures["deviation_maps"] = deviation_maps(findings.maps, scenario, species, report["deviation_maps"])
     figures["internal_states"] = internal_states(life, scenario, species, slot)
     if "x" in layout:
         figures["trajectory"] = trajectory(life, scenario, species, slot)
@@ -295,7 +295,7 @@ def draw_evaluation(
         tick, columns = read_losses(metrics, species.name)
         if columns:
             figures["losses"] = losses(tick, columns)
-    figures["baselines"] = baselines(told["mean_drive"], told["closed_gap"])
+    figures["baselines"] = baselines(report["mean_drive"], report["closed_gap"])
     if findings.checks:
         figures["deviation_check"] = deviation_check(findings.checks)
     folder.mkdir(parents=True, exist_ok=True)

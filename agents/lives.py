@@ -96,13 +96,13 @@ def check_fits(learner: Learner, scenario: Scenario) -> None:
         if theirs is None
         else [
             what
-            for what, here, there in (
+            for what, here, expected in (
                 ("slots", mine.slots, theirs.slots),
                 ("actions", mine.actions, theirs.actions),
                 ("senses", mine.layout.names, theirs.layout.names),
                 ("length of a tick", mine.dt, theirs.dt),
             )
-            if here != there
+            if here != expected
         ]
     )
     if differ:

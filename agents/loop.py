@@ -131,8 +131,8 @@ def report(env: Ecology, observers: Iterable[Observer], tick: ScheduledTick) -> 
     """Report to the observers what the schedule did after a tick."""
     for text, effect in tick.effects:
         for observer in observers:
-            if (told := getattr(observer, "intervened", None)) is not None:
-                told(env.state_view, text, effect.said)
+            if (notify := getattr(observer, "intervened", None)) is not None:
+                notify(env.state_view, text, effect.said)
 
 
 def pass_on_effect(env: Ecology, learners: Mapping[str, Learner], effect: Effect, cut: Iterable[int]) -> None:

@@ -62,8 +62,8 @@ def compile_appearing(
     start = np.array([r.stock for r in each], float)
     for r in resources:
         if r.gone_below is not None:
-            there = r.count if r.present is None or r.stock <= r.gone_below else r.present
-            start[patches[r.name]][there:] = 0.0
+            present = r.count if r.present is None or r.stock <= r.gone_below else r.present
+            start[patches[r.name]][present:] = 0.0
     start[(ends >= 0) & (start <= ends)] = 0.0
     left = []
     for s in scenario.species:
@@ -171,15 +171,15 @@ def scatter_seeds(
     model: Model, state: State, patches: slice, seeding: Seeding, room: Any, rng: np.random.Generator
 ) -> Floats:
     """Return where seeds of a resource land in a tick, (k, 2)."""
-    there = patches.start + np.flatnonzero(state.stock[patches] > 0)
+    parents = patches.start + np.flatnonzero(state.stock[patches] > 0)
     anywhere = int(rng.poisson(seeding.rate * model.dt)) if seeding.rate else 0
-    beside = int(rng.poisson(seeding.offspring * model.dt * len(there))) if seeding.offspring and len(there) else 0
-    free = patches.stop - patches.start - len(there)
+    beside = int(rng.poisson(seeding.offspring * model.dt * len(parents))) if seeding.offspring and len(parents) else 0
+    free = patches.stop - patches.start - len(parents)
     places = [np.empty((0, 2))]
     if min(anywhere, free):
         places.append(scatter_in(room, min(anywhere, free), rng, "seeds"))
     if beside:
-        parent = state.resource_position[there[rng.integers(len(there), size=beside)]]
+        parent = state.resource_position[parents[rng.integers(len(parents), size=beside)]]
         turn, way = rng.uniform(-np.pi, np.pi, beside), seeding.reach * np.sqrt(rng.random(beside))
         land = parent + way[:, None] * np.stack([elementary.cos(turn), elementary.sin(turn)], axis=1)
         if not model.ground.torus:

@@ -125,8 +125,8 @@ def check_changes(changed: dict[str, np.ndarray], state: State, model: Model) ->
     _names(changed, state, model, alive)
 
 
-def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -> None:
-    """Raise EcologyError if a snapshot's state, or the inputs `told` of its solver, has values that no world can reach.
+def check_snapshot(state: State, solver: Mapping[str, np.ndarray], model: Model) -> None:
+    """Raise EcologyError if a snapshot's state, or the inputs of its `solver`, has values that no world can reach.
 
     A fork may change the arena, the bounds and the stocks of a scenario under a state, so those are not compared; see
     `check_stocks` for a run that is no fork.
@@ -139,7 +139,7 @@ def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -
         type(state.time) in (int, float) and 0.0 <= state.time < np.inf,
         f"the snapshot's time is a number of at least 0, got {state.time!r}.",
     )
-    arrays = {**state.arrays(), **told}
+    arrays = {**state.arrays(), **solver}
     for name, value in arrays.items():
         if value.dtype.kind == "f" and name != "stock":
             _hold(name, value, np.isfinite(value), "finite", SNAPSHOT)
@@ -148,7 +148,7 @@ def check_snapshot(state: State, told: Mapping[str, np.ndarray], model: Model) -
     for name in ("position", "resource_position", "told_position"):
         near = (arrays[name] >= (left - reach, bottom - reach)) & (arrays[name] <= (right + reach, top + reach))
         _hold(name, arrays[name], near, "in the arena", SNAPSHOT)
-    speed, fastest = told["told_velocity"], FARTHEST * model.radius.max(initial=0.0) / model.dt
+    speed, fastest = solver["told_velocity"], FARTHEST * model.radius.max(initial=0.0) / model.dt
     if model.stages is not None:
         fastest *= model.stages.size.max()
     _hold("told_velocity", speed, np.abs(speed) <= fastest * (1 + ROUNDING), f"at most {fastest:g}", SNAPSHOT)

@@ -47,9 +47,9 @@ def choose(env: Ecology, tick: Tick, rng: np.random.Generator, *, open_only: boo
 
 def check(scenario: Scenario, ticks: int) -> Iterator[tuple[str, Exception | None]]:
     """Yield the description of each check, and the exception that it raised; None if it passed."""
-    for holds, it in CHECKS.items():
+    for holds, test in CHECKS.items():
         try:
-            it(scenario, ticks)
+            test(scenario, ticks)
         except Exception as error:  # also what a scenario's own rule raises
             yield holds, error
         else:

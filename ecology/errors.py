@@ -74,8 +74,8 @@ def readable(what: str, path: Path) -> Iterator[None]:
 def check_writable(folder: Path) -> None:
     """Raise EcologyError unless files can be made in `folder`, or it can be made; nothing is left of the trial."""
     with writable(folder):
-        there = next(path for path in (folder, *folder.parents) if path.exists())
-        if not there.is_dir():
-            raise EcologyError(f"{str(there)!r} is a file where a folder is to be written; move it away.")
-        with tempfile.TemporaryFile(dir=there):
+        existing = next(path for path in (folder, *folder.parents) if path.exists())
+        if not existing.is_dir():
+            raise EcologyError(f"{str(existing)!r} is a file where a folder is to be written; move it away.")
+        with tempfile.TemporaryFile(dir=existing):
             pass

@@ -276,8 +276,8 @@ def _feed(model: Model, state: State, one: Compiled, cells: Cells, values: Float
     """Add what the sources give, spread over the area of the cell in which each is."""
     area = float(cells.size[0] * cells.size[1])
     for bodies, rows, rate in one.sources:
-        there = state.alive[rows] if bodies else (state.available & (state.stock > 0))[rows]
-        points = (state.position if bodies else state.resource_position)[rows][there]
+        active = state.alive[rows] if bodies else (state.available & (state.stock > 0))[rows]
+        points = (state.position if bodies else state.resource_position)[rows][active]
         y, x = cells.cell(points)
         good = cells.inside[y, x]  # the centre of a cell at a slanted wall may lie outside
         np.add.at(values, (y[good], x[good]), rate * model.dt / area)

@@ -69,8 +69,8 @@ def read(species: Species, trait: Trait) -> tuple[str, int, float]:
     owner, names = f"species {species.name!r}: the trait {trait.name!r}", [need.name for need in species.needs]
     need, _, field = trait.of.rpartition(".")
     if need in names and field in BODILY:
-        it = species.needs[names.index(need)]
-        return field, names.index(need), float(getattr(it, field))
+        own_need = species.needs[names.index(need)]
+        return field, names.index(need), float(getattr(own_need, field))
     known = [*OTHERS, *(f"{name}.{field}" for name in names for field in BODILY)]
     require(trait.of in OTHERS, f"{owner} is of {trait.of!r}, which cannot be inherited. {nearest(trait.of, known)}")
     if trait.of == "empathy.weight":
@@ -85,8 +85,8 @@ def check_traits(species: Species) -> None:
     """Raise EcologyError where the traits of a species do not fit it."""
     owner = f"species {species.name!r}"
     for what in ("name", "of"):
-        told = [getattr(trait, what) for trait in species.traits if getattr(trait, what) != "none"]
-        twice = sorted({name for name in told if told.count(name) > 1})
+        values = [getattr(trait, what) for trait in species.traits if getattr(trait, what) != "none"]
+        twice = sorted({name for name in values if values.count(name) > 1})
         require(not twice, f"{owner}: every trait has a {what} of its own, {twice} appear twice.")
     for trait in species.traits:
         field, column, value = read(species, trait)

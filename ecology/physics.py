@@ -89,7 +89,7 @@ class Physics:
 
     def _start(self, position: Floats, alive: Bools) -> None:
         """Drop the solver and its contacts; the next one starts with the bodies here."""
-        self.told: list[tuple[Floats, Floats, Bools]] = []  # position, velocity, alive of the ticks since
+        self.recent: list[tuple[Floats, Floats, Bools]] = []  # position, velocity, alive of the ticks since
         self._started = position.copy(), alive.copy()
         self._alive = alive.copy()
         for name in SOLVER:
@@ -138,13 +138,13 @@ class Physics:
         if not self.touches:
             return self.plane.home(position + velocity * dt), 0
         alive = self._alive if alive is None else alive
-        if len(self.told) == REBUILD:
+        if len(self.recent) == REBUILD:
             self._start(position, alive)
         if "space" not in self.__dict__:
             self._build()
-            for tick in self.told:
+            for tick in self.recent:
                 self._solve(*tick, dt)
-        self.told.append((position, velocity, alive))
+        self.recent.append((position, velocity, alive))
         after, held = self._solve(position, velocity, alive, dt)
         return self.plane.home(after), held
 
@@ -175,11 +175,11 @@ class Physics:
 
     def memory(self) -> dict[str, np.ndarray]:
         """Return the solver's inputs since it was built: K ticks of position, velocity and alive."""
-        n, told = self.count, self.told
+        n, recent = self.count, self.recent
         return {
-            "told_position": np.array([p for p, _, _ in told]).reshape(-1, n, 2),
-            "told_velocity": np.array([v for _, v, _ in told]).reshape(-1, n, 2),
-            "told_alive": np.array([a for _, _, a in told], bool).reshape(-1, n),
+            "told_position": np.array([p for p, _, _ in recent]).reshape(-1, n, 2),
+            "told_velocity": np.array([v for _, v, _ in recent]).reshape(-1, n, 2),
+            "told_alive": np.array([a for _, _, a in recent], bool).reshape(-1, n),
         }
 
     def remember(self, memory: Mapping[str, np.ndarray]) -> None:
@@ -187,7 +187,7 @@ class Physics:
         ticks = list(zip(*(memory[f"told_{word}"] for word in ("position", "velocity", "alive")), strict=True))
         if ticks and self.touches:
             self._start(ticks[0][0], ticks[0][2])
-            self.told, self._alive = ticks, ticks[-1][2]
+            self.recent, self._alive = ticks, ticks[-1][2]
 
 
 # ---- compiled loops ----------------------------------------------------------------------------

@@ -132,8 +132,8 @@ class Steered(ParallelEnv):
     @staticmethod
     def _bare(observations: dict[str, Any], infos: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return observations as arrays of zeta, and infos that have the masks."""
-        told = {name: {**infos[name], "action_mask": each["action_mask"]} for name, each in observations.items()}
-        return {name: each["observation"] for name, each in observations.items()}, told
+        full = {name: {**infos[name], "action_mask": each["action_mask"]} for name, each in observations.items()}
+        return {name: each["observation"] for name, each in observations.items()}, full
 
     @property
     def seed(self) -> int | None:

@@ -74,7 +74,7 @@ def _wrong(where: str, kind: Any, value: Any) -> Iterator[tuple[str, Any, Any]]:
             return
         if len(others) == 1:
             found = list(_wrong(where, others[0], value))
-            yield from [(at, kind if at == where else wanted, it) for at, wanted, it in found]
+            yield from [(at, kind if at == where else wanted, found_value) for at, wanted, found_value in found]
         elif all(any(_wrong(where, part, value)) for part in others):
             yield where, kind, value
     elif origin is tuple and isinstance(value, (tuple, list)):

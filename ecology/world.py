@@ -188,8 +188,8 @@ class ArrayWorld:
         reached, patches = sight.find_patches(model, state, vision, bodies)
         state.inside, state.seen, here, toward = reached[0], reached[1], patches[0], patches[1]
         if model.appearing is not None and model.appearing.comes:
-            there = ~appearing.absent(model, state.stock)
-            state.inside, state.seen = state.inside & there, state.seen & there
+            is_present = ~appearing.absent(model, state.stock)
+            state.inside, state.seen = state.inside & is_present, state.seen & is_present
         pairs = neighbours.find(model.plane, state.position, state.alive, model.near, last) if model.near else None
         targets = meetings.aim(model, state, pairs)
         empathy.update_drives(model, state, vision, pairs, self.lesion_order, self.reweighed)

@@ -23,5 +23,5 @@ def build(
     ticks: int = 40_000,
 ) -> Scenario:
     """Return the square; probabilities are per unit of time, `numbers` of the authors' "code" or the paper's "text"."""
-    there = {"availability": available_in_test if test else available}
-    return square("probabilistic", numbers, heading, ticks, (there, there))
+    settings = {"availability": available_in_test if test else available}
+    return square("probabilistic", numbers, heading, ticks, (settings, settings))

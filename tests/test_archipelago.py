@@ -325,7 +325,7 @@ def test_a_pool_breeds_by_fitness_kinship_and_heredity() -> None:
         np.testing.assert_allclose(share, [0, 0.25, 0.25, 0.5], atol=0.09 if r == 1 else 0.05)
         pairs = [np.mean(parents[:, a] == parents[:, b]) for a in range(4) for b in range(a)]
         assert np.mean(pairs) == pytest.approx(r, abs=0.06)
-        told = brood.told["traits"]["care"]
+        told = brood.report["traits"]["care"]
         assert told["selection"] + told["transmission"] == pytest.approx(told["change"], abs=1e-12)
         assert told["next"] - told["mean"] == pytest.approx(told["change"], abs=1e-12)
     empty = draw_brood(Pool(species="a", generation=1.0), (trait,), counts_of_nobody(3), SEED)

@@ -286,8 +286,8 @@ class HJB(Learner):
     def _scores(self, slots: np.ndarray, observations: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the HJB scores (k, M) of what is open to `slots` (k,), as the last update left them where it did."""
         ahead = self.lookahead
-        there = (ahead.open[slots] == open_).all(axis=1) & (ahead.zeta[slots] == observations).all(axis=1)
-        score, rest = ahead.score[slots], np.flatnonzero(~there)
+        is_same = (ahead.open[slots] == open_).all(axis=1) & (ahead.zeta[slots] == observations).all(axis=1)
+        score, rest = ahead.score[slots], np.flatnonzero(~is_same)
         if rest.size:
             score[rest] = self.scores(slots[rest], observations[rest], open_[rest])
         return score

@@ -76,7 +76,7 @@ class Census:
             if not slot.size:
                 return
             with_ = np.full(len(slot), -1) if other is None else other[slot]
-            there = with_ >= 0
+            has_other = with_ >= 0
             found.append(
                 Happening(
                     kind=kind,
@@ -86,9 +86,9 @@ class Census:
                     serial=state.serial[slot],
                     place=state.position[slot],
                     other=with_,
-                    other_serial=np.where(there, state.serial[with_], -1),
+                    other_serial=np.where(has_other, state.serial[with_], -1),
                     other_place=state.position[slot]
-                    + np.where(there[:, None], self._plane.gap(state.position[slot], state.position[with_]), 0.0),
+                    + np.where(has_other[:, None], self._plane.gap(state.position[slot], state.position[with_]), 0.0),
                     what=np.zeros(len(slot), np.int64) if what is None else what[slot],
                     need=state.fatal_need[slot],
                     second=np.full(len(slot), -1) if state.second is None else state.second[slot],
@@ -336,9 +336,9 @@ class Focus:
             alive = state.alive[rows]
             wanted = self.wanted.get(group.name)
             if wanted is not None and wanted != serial:
-                there = np.flatnonzero(alive & (state.serial[rows] == wanted))
-                if there.size:
-                    slot, serial = rows.start + int(there[0]), wanted
+                matches = np.flatnonzero(alive & (state.serial[rows] == wanted))
+                if matches.size:
+                    slot, serial = rows.start + int(matches[0]), wanted
             lives = slot >= 0 and state.alive[slot] and state.serial[slot] == serial
             if not lives or (anew and self.hungriest and serial != wanted):
                 slot = -1

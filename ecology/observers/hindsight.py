@@ -56,7 +56,7 @@ class Hindsight:
         self._identity = recording_id(recording)
         env = Ecology(scenario)
         self._groups = {name: group for name, group in env.groups.items() if group.size}
-        there = {chunk.entity_path for chunk in chunks(recording)}
+        entities = {chunk.entity_path for chunk in chunks(recording)}
         self._serials = {name: self._column(f"{AGENTS}/{name}", "serial") for name in self._groups}
         ticks = next(iter(self._serials.values()))[0] if self._groups else np.zeros(1, int)
         require(len(ticks) > 0, f"the recording {str(recording)!r} holds no agent of this scenario.")
@@ -67,10 +67,10 @@ class Hindsight:
             groups=self._groups,
             names={name: f"{name}_{serial[0][0]}" for name, (_, serial) in self._serials.items()},
             first=None,
-            told={name: self._reported_names(name) for name in env.groups},
-            mapped={name: any(path.startswith(f"/world/maps/{name}/") for path in there) for name in env.groups},
-            decides={name: f"/focus/{name}/decision" in there for name in env.groups},
-            coupled=tuple(name for name in env.groups if f"/population/coupling/{name}" in there),
+            reported={name: self._reported_names(name) for name in env.groups},
+            mapped={name: any(path.startswith(f"/world/maps/{name}/") for path in entities) for name in env.groups},
+            decides={name: f"/focus/{name}/decision" in entities for name in env.groups},
+            coupled=tuple(name for name in env.groups if f"/population/coupling/{name}" in entities),
             measures=census.plotted_names(scenario),
             grows=env.open_population,
             marks=self._marks(scenario),
@@ -78,11 +78,11 @@ class Hindsight:
             run=name,
             every=int(np.diff(ticks[:2]).sum()) or 1,
             maps_every=0,
-            fork=self._fork_name() if f"/{FORKED}/world/walls" in there else "",
+            fork=self._fork_name() if f"/{FORKED}/world/walls" in entities else "",
             full=len(drives[0]) > 0,
             few=few,
             lived_until=self._find_last_tick(),
-            has_props=any(path.startswith("/world/props/") for path in there),
+            has_props=any(path.startswith("/world/props/") for path in entities),
         )
 
     def who(self, click: Click) -> str | None:
@@ -244,8 +244,8 @@ class Hindsight:
         words: set[str] = set()
         for chunk in chunks(self._path, content="/world/legend/**", components="Points2D:labels", is_static=True):
             words.update(chunk.to_record_batch().column("Points2D:labels").to_pylist()[-1] or ())
-        there = {kind for kind, word in shapes.KINDS.items() if word in words}
-        return tuple(kind for kind in shapes.KINDS if kind in there | set(shapes.mark_kinds(scenario)))
+        kinds = {kind for kind, word in shapes.KINDS.items() if word in words}
+        return tuple(kind for kind in shapes.KINDS if kind in kinds | set(shapes.mark_kinds(scenario)))
 
     def _find_last_tick(self) -> int | None:
         """Return the last recorded tick at which anybody lived; None where somebody does at the end."""
@@ -290,12 +290,12 @@ class Hindsight:
         found: np.ndarray | None = None
         for known, values in self._parts(entity, component):
             at = np.searchsorted(ticks, known).clip(max=len(ticks) - 1)
-            there = ticks[at] == known
+            is_recorded = ticks[at] == known
             if found is None:
                 found = np.full(
                     (len(ticks), *values.shape[2:]), np.nan if values.dtype.kind == "f" else 0, values.dtype
                 )
-            found[at[there]] = values[there, slot[at[there]]]
+            found[at[is_recorded]] = values[is_recorded, slot[at[is_recorded]]]
         assert found is not None
         return found
 

@@ -129,11 +129,11 @@ def life_panels(scene: Scene, name: str) -> list[LifePanel]:
 
 def blueprint(scene: Scene) -> rrb.Blueprint:
     """Return the layout: the arena over the maps on the left; on the right a life, or populations and lives."""
-    there = sorted(scene.groups, key=lambda name: name != scene.first)
-    mapped = [map_ for name in there for map_ in _maps(scene, name)]
+    ordered = sorted(scene.groups, key=lambda name: name != scene.first)
+    mapped = [map_ for name in ordered for map_ in _maps(scene, name)]
     others = [view for kind in BELOW for view in _views(scene, kind)]
-    told = [name for name in there if scene.alone or name in (scene.first, *scene.chosen) or not scene.idle(name)]
-    lives = [_place(scene, LIFE, name, name=scene.who(name)) for name in told]
+    detailed = [name for name in ordered if scene.alone or name in (scene.first, *scene.chosen) or not scene.idle(name)]
+    lives = [_place(scene, LIFE, name, name=scene.who(name)) for name in detailed]
     populations: Any = None
     if scene.crowd:
         below, shares = rrb.Tabs(*others, *mapped, active_tab=0), [2.6, 1.0]
@@ -148,7 +148,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     arena: Any = _arena_view(scene)
     if scene.fork:
         arena = rrb.Horizontal(arena, _arena_view(scene, forked=True))
-        futures = _futures(scene, there)
+        futures = _futures(scene, ordered)
         right = rrb.Tabs(futures, *lives, *([populations] if populations else []), active_tab=0)
     left = rrb.Vertical(arena, below, row_shares=shares)
     return rrb.Blueprint(
@@ -189,8 +189,8 @@ def _maps(scene: Scene, name: str) -> list[rrb.View | rrb.Container]:
         for i, view in enumerate(shown, 1):
             view.name = f"{i}"
     now, worst = words[: Here in kinds], words[Here in kinds :]
-    told = " | ".join([*now, f"at their worst: {', '.join(worst)}"])
-    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}, dark is low: {told}")]
+    title = " | ".join([*now, f"at their worst: {', '.join(worst)}"])
+    return [rrb.Grid(*shown, grid_columns=len(shown), name=f"J of {whose}, dark is low: {title}")]
 
 
 def _place(scene: Scene, box: Box, species: str = "", name: str | None = None) -> Any:

@@ -27,9 +27,9 @@ class Mailbox:
         """Return the request that waits for an answer, None without one."""
         if not os.path.exists(self._file):
             return None
-        told = _read(self._file)
-        word = told.get(self._kind)
-        return word if isinstance(word, str) and "answer" not in told else None
+        message = _read(self._file)
+        word = message.get(self._kind)
+        return word if isinstance(word, str) and "answer" not in message else None
 
     def answer(self, word: str, said: str, *, done: bool) -> None:
         """Answer the request `word`: whether it was `done`, and what to tell."""
@@ -58,11 +58,11 @@ def request(
         _write(file, {kind: word})
         until = time.monotonic() + patience
         while time.monotonic() < until:
-            told = _read(file)
-            if told.get(kind) == word and "answer" in told:
-                if told.get("done"):
-                    return str(told["answer"])
-                raise EcologyError(str(told["answer"]))
+            message = _read(file)
+            if message.get(kind) == word and "answer" in message:
+                if message.get("done"):
+                    return str(message["answer"])
+                raise EcologyError(str(message["answer"]))
             if not lives():
                 raise EcologyError(f"no run is alive in {str(folder)!r}; {ended}")
             time.sleep(PAUSE if pause is None else pause)
@@ -77,15 +77,15 @@ def request(
 def _read(file: Path) -> dict[str, object]:
     """Return what the file says, nothing where it is not there or garbage."""
     try:
-        told = json.loads(file.read_bytes())
+        message = json.loads(file.read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return message if isinstance(message, dict) else {}
 
 
-def _write(file: Path, told: dict[str, object]) -> None:
+def _write(file: Path, message: dict[str, object]) -> None:
     beside = file.with_name(f"{file.name}.{os.getpid()}")
     beside.unlink(missing_ok=True)  # it may be a link
     with beside.open("x", encoding="utf-8") as opened:
-        opened.write(json.dumps(told))
+        opened.write(json.dumps(message))
     beside.replace(file)

@@ -115,9 +115,9 @@ class Overview:
         """Show the islands at a stop: `places` (k, 3) are x, y and drive of the living, per island and species."""
         self._rec.set_time("tick", sequence=tick)
         for i, name in enumerate(self._species):
-            there = [(j, place[name]) for j, place in enumerate(places) if len(place.get(name, ()))]
-            at = [self._place(j, place[:, :2]) for j, place in there]
-            shade = [colours.shade("inferno", place[:, 2], 0.0, self._highest) for _, place in there]
+            crowds = [(j, place[name]) for j, place in enumerate(places) if len(place.get(name, ()))]
+            at = [self._place(j, place[:, :2]) for j, place in crowds]
+            shade = [colours.shade("inferno", place[:, 2], 0.0, self._highest) for _, place in crowds]
             edge = [] if len(self._species) == 1 else [colours.species_colour(i)]
             self._rec.log(
                 f"world/agents/{name}",
@@ -156,9 +156,9 @@ class Overview:
     def show_generation(self, tick: int, traits: Mapping[str, Mapping[str, float]]) -> None:
         """Show the mean and the spread of every trait of a generation that has ended."""
         self._rec.set_time("tick", sequence=tick)
-        for name, told in traits.items():
-            self._rec.log(f"pool/{name}/mean", rr.Scalars(told["mean"]))
-            self._rec.log(f"pool/{name}/sd", rr.Scalars(told["sd"]))
+        for name, statistics in traits.items():
+            self._rec.log(f"pool/{name}/mean", rr.Scalars(statistics["mean"]))
+            self._rec.log(f"pool/{name}/sd", rr.Scalars(statistics["sd"]))
 
     def flush(self) -> None:
         """Write what was logged into the file."""

@@ -107,8 +107,8 @@ class Page:
         served: Any = self._served
         desk = shown.desk
         live = {"live": desk is not None, "usages": USAGES if desk is not None else ()}
-        told = json.dumps({**served.words, "sources": list(shown.sources), **live})
-        page = HTML.read_text(encoding="utf-8").replace("SETTINGS", told.replace("<", "\\u003c"), 1).encode()
+        words = json.dumps({**served.words, "sources": list(shown.sources), **live})
+        page = HTML.read_text(encoding="utf-8").replace("SETTINGS", words.replace("<", "\\u003c"), 1).encode()
         named = shown.named or (desk.focus if desk is not None else None)
         served.page, served.desk = page, desk
         served.files = {**self._viewer, **{f"/{name}": file for name, file in shown.files.items()}}
@@ -252,11 +252,11 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.FORBIDDEN)
         elif (path := urlsplit(self.path).path) not in ROUTES or (path in LIVE and self.desk is None):
             self._send(HTTPStatus.NOT_FOUND)
-        elif (told := read_body(body, path)) is None:
+        elif (request := read_body(body, path)) is None:
             self._send(HTTPStatus.BAD_REQUEST)
         else:
             try:
-                found = self._answer(path, told)
+                found = self._answer(path, request)
             except EcologyError as error:
                 self._send(HTTPStatus.CONFLICT, json.dumps({"error": str(error)}).encode(), JSON)
                 return
@@ -268,22 +268,22 @@ class _Handler(BaseHTTPRequestHandler):
                 found = {"said": found} if isinstance(found, str) else found
                 self._send(HTTPStatus.OK, json.dumps(found).encode(), JSON)
 
-    def _answer(self, path: str, told: dict[str, Any]) -> bytes | str | dict[str, Any] | None:
+    def _answer(self, path: str, request: dict[str, Any]) -> bytes | str | dict[str, Any] | None:
         """Return what is to be said to a post that could be read; EcologyError where it is refused."""
         if path == "/focus":
-            return self.hear(Click(told["entity"], told["row"], told["tick"]))
+            return self.hear(Click(request["entity"], request["row"], request["tick"]))
         if path == "/name":
-            return self.named(told["who"])
+            return self.named(request["who"])
         assert self.desk is not None
         if path == "/status":
-            return self.desk.status(told["page"], told["shown"])
+            return self.desk.status(request["page"], request["shown"])
         if path == "/order":
-            return self.desk.order(told["order"], told["pace"])
+            return self.desk.order(request["order"], request["pace"])
         if path == "/world":
             return self.desk.world()
         if path == "/fork":
-            return self.desk.fork(told["do"])
-        return self.desk.do(told["do"]) if path == "/do" else self.desk.do_in_fork(told["do"])
+            return self.desk.fork(request["do"])
+        return self.desk.do(request["do"]) if path == "/do" else self.desk.do_in_fork(request["do"])
 
     def _ours(self) -> bool:
         """Return whether this machine was asked for by its own name, through a tunnel or not."""
@@ -324,13 +324,13 @@ class _Handler(BaseHTTPRequestHandler):
 def read_body(body: bytes, path: str) -> dict[str, Any] | None:
     """Return what a post to `path` says, by key; None where it says anything else."""
     try:
-        told = json.loads(body) if len(body) <= LONGEST else None
+        request = json.loads(body) if len(body) <= LONGEST else None
     except (ValueError, RecursionError):
         return None
     kinds = ROUTES[path]
-    if not isinstance(told, dict) or set(told) != set(kinds):
+    if not isinstance(request, dict) or set(request) != set(kinds):
         return None
-    return told if all(fits(told[key]) for key, fits in kinds.items()) else None
+    return request if all(fits(request[key]) for key, fits in kinds.items()) else None
 
 
 def _is_text(value: Any) -> bool:

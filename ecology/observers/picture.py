@@ -115,7 +115,7 @@ class Picture:
             discs.set_heights(wide)
             for i, name in names.items():
                 name.set_position(shown.patches[i] - [0, radii[i]])
-        start, told = 0, []
+        start, captions = 0, []
         for species, (bodies, headings, radius) in zip(self._scenario.species, self._bodies, strict=True):
             rows = slice(start, start + species.slots)
             start += species.slots
@@ -129,10 +129,10 @@ class Picture:
                 headings.set_color(colour)
             else:
                 bodies.set_facecolor(colour)
-            told.append(f"{int(lives.sum())} {species.name}")
+            captions.append(f"{int(lives.sum())} {species.name}")
         for kind, lines in self._marks.items():
             lines.set_segments(list(shown.marks.get(kind, ())))
-        who = ", ".join(told)
+        who = ", ".join(captions)
         self._shut.set_segments(list(shown.doors))
         for i, (name, level) in enumerate(shown.fields.items()):
             if name in self._fields:

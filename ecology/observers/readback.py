@@ -86,9 +86,9 @@ def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: st
         moving = census.moving(species)
         targets = {word: column(source, entities[species.name], word) for word in moving if word}
         places = column(source, entities[species.name], "Points2D:positions")
-        told = column(source, f"/minds/{name}/decision", "TextDocument:text")
-        told = told or column(source, f"/focus/{species.name}/decision", "TextDocument:text")
-        texts = {tick: str(text[0]) for tick, text in told.items() if str(text[0]).startswith(f"**{name}**")}
+        recorded = column(source, f"/minds/{name}/decision", "TextDocument:text")
+        recorded = recorded or column(source, f"/focus/{species.name}/decision", "TextDocument:text")
+        texts = {tick: str(text[0]) for tick, text in recorded.items() if str(text[0]).startswith(f"**{name}**")}
     found = []
     for shown in frames:
         slot = np.flatnonzero(np.asarray(serials[species.name][shown.tick]) == serial)
@@ -114,10 +114,11 @@ def _meant(
         name = next(iter(serials))
         return known[name], int(serials[name][frames[0].tick][0])
     name, _, number = who.rpartition("_")
-    there = name in serials and number.isdecimal()
-    there = there and any(int(number) in np.asarray(serials[name][shown.tick]) for shown in frames)
+    is_name = name in serials and number.isdecimal()
+    is_name = is_name and any(int(number) in np.asarray(serials[name][shown.tick]) for shown in frames)
     require(
-        there, f"--follow: there is no agent {who!r} in these ticks; give the name of one, as {next(iter(serials))}_0."
+        is_name,
+        f"--follow: there is no agent {who!r} in these ticks; give the name of one, as {next(iter(serials))}_0.",
     )
     return known[name], int(number)
 
@@ -145,8 +146,8 @@ def frames(run: Path | str, scenario: Scenario, first: int | None = None, last: 
         ticks = ticks[-FRAMES:] if first is None else ticks
         shape = (len(ticks), start)
         place, angle, drive = np.full((*shape, 2), np.nan), np.zeros(shape), np.zeros(shape)
-        told = column(source, "/world/legend/numbers", "top")
-        tops = [_latest(told, tick) for tick in ticks]
+        highest = column(source, "/world/legend/numbers", "top")
+        tops = [_latest(highest, tick) for tick in ticks]
         fixed = colours.highest_drive(scenario)  # of a recording of an earlier version
         for rows, places, ways, level in groups:
             for i, tick in enumerate(ticks):

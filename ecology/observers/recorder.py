@@ -68,9 +68,9 @@ class Recorder:
         self._rows: dict[str, list[np.ndarray]] = {}
         self._count, self._number, self._since = 0, 0, time.monotonic()
         self._deeds = list(deeds)
-        there = self._path.exists() or self._parts.exists()
+        exists = self._path.exists() or self._parts.exists()
         require(
-            resume or not there,
+            resume or not exists,
             f"there are metrics at {str(self._path)!r} already; choose another folder, or resume that run.",
         )
 
@@ -156,11 +156,11 @@ class Recorder:
         if self._deeds:
             rows[DEEDS] = np.full(len(slots), "; ".join(f"tick {at}: {text}" for at, text in self._deeds), object)
             self._deeds = []
-        told: dict[str, np.ndarray] = {}
+        values: dict[str, np.ndarray] = {}
         for name, span in self._groups:
             for word, value in minds[name].report().items():
-                told.setdefault(word, np.full(len(state.alive), np.nan))[span] = value
-        rows.update({f"report {word}": value[slots] for word, value in told.items()})
+                values.setdefault(word, np.full(len(state.alive), np.nan))[span] = value
+        rows.update({f"report {word}": value[slots] for word, value in values.items()})
         if self._rows and rows.keys() != self._rows.keys():  # a mind reports something new
             self._write()
         for name, value in rows.items():
@@ -258,25 +258,25 @@ class Recorder:
             **{name: pa.array(rows[name].tolist(), pa.string()) for name in rows if name == DEEDS},
         }
         for name, value in rows.items():
-            told = name.removeprefix("report ")
-            if told != name:
+            key = name.removeprefix("report ")
+            if key != name:
                 require(
-                    told not in columns,
-                    f"a mind reports {told!r}, which is the name of another column of the metrics; "
+                    key not in columns,
+                    f"a mind reports {key!r}, which is the name of another column of the metrics; "
                     "report it under another name.",
                 )
-                columns[told] = number(value)
+                columns[key] = number(value)
         return pa.table(columns)
 
 
 def check_columns(scenario: Scenario, minds: Mapping[str, Mind]) -> None:
     """Raise EcologyError where two columns of the metrics would have one name."""
     needs = {need.name for species in scenario.species for need in species.needs}
-    told = {word for mind in minds.values() for word in mind.report()}
+    words = {word for mind in minds.values() for word in mind.report()}
     fixed = {*FIXED, *(TRIALS if scenario.sessions else ()), *(MEASURE + name for name in scenario.measures)}
-    clash = sorted(needs & {*fixed, *told})
+    clash = sorted(needs & {*fixed, *words})
     require(not clash, f"the needs {clash} have names of other columns of the metrics; rename them.")
-    clash = sorted(told & fixed)
+    clash = sorted(words & fixed)
     require(not clash, f"minds report {clash}, names of other columns of the metrics; report them under other names.")
 
 

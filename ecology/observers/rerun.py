@@ -231,8 +231,8 @@ class RerunObserver:
         state = self._env.state_view
         turned = self._serve_requests(state)
         fresh = self._side is not None and self._side.is_fresh
-        told = state.tick == self._shown and state.tick == self._sampler.closest
-        if told and not (turned or fresh or self._sampler.deeds):
+        is_shown = state.tick == self._shown and state.tick == self._sampler.closest
+        if is_shown and not (turned or fresh or self._sampler.deeds):
             return
         self._sampler.refocus(state, anew=turned)
         self._sample_between(self._sampler.look(state, turned=turned, waits=True))

@@ -82,7 +82,7 @@ class Sampler:
             groups={name: group for name, group in groups.items() if group.size},
             names={name: self.focus.name(name) for name in groups},
             first=self.focus.first,
-            told={name: tuple(minds[name].report()) for name in groups},
+            reported={name: tuple(minds[name].report()) for name in groups},
             mapped={name: mapped and self._has_maps(group, grid) for name, group in groups.items()},
             decides={name: bool(groups[name].size) and minds[name].decides for name in groups},
             coupled=tuple(name for name in groups if env.coupling(name) is not None),

@@ -33,7 +33,7 @@ class Scene:
     groups: Mapping[str, Group]  # with at least one slot
     names: Mapping[str, str]  # species -> name of its focus at the start
     first: str | None  # species that is shown first
-    told: Mapping[str, tuple[str, ...]]  # species -> numbers that its mind reports
+    reported: Mapping[str, tuple[str, ...]]  # species -> numbers that its mind reports
     mapped: Mapping[str, bool]  # species -> whether there are deviation maps
     decides: Mapping[str, bool]  # species -> whether its mind shows its decisions
     coupled: tuple[str, ...]  # species with empathy

@@ -83,5 +83,5 @@ def mark_kinds(scenario: Scenario) -> list[str]:
     grows = any(s.grows for s in species)
     mortal = any(s.hazard is not None or any(need.lethal for need in s.needs) for s in species)
     mortal |= "bite" in kinds or scenario.rule is not None
-    there = {"born": grows, "died": mortal, "bit": "bite" in kinds, "gave": "give" in kinds}
-    return [kind for kind in KINDS if there[kind]]
+    can_occur = {"born": grows, "died": mortal, "bit": "bite" in kinds, "gave": "give" in kinds}
+    return [kind for kind in KINDS if can_occur[kind]]

@@ -85,10 +85,10 @@ class Others(Sense):
             width = len(self.components) // sensed.count
             for place in range(sensed.count):
                 row = np.flatnonzero(found[:, place] >= 0)
-                told, at = zeta[row], column + (place + 1) * width - self._known.width
+                values, at = zeta[row], column + (place + 1) * width - self._known.width
                 other = pairs.other[found[row, place]]
-                self._known.write(told, at, state, model.species_of, first + row, other)
-                zeta[row] = told
+                self._known.write(values, at, state, model.species_of, first + row, other)
+                zeta[row] = values
 
 
 def _column(opens: tuple[str, ...], needs: list[str], name: str) -> int:

@@ -65,9 +65,11 @@ def points(folders: Sequence[Path]) -> list[CostPoint]:
 
 def label(row: Mapping[str, Any]) -> str:
     """Return the learner and those of its settings that a sweep sets."""
-    told = [(key.rpartition(".")[2], value) for key, value in row.items() if re.match(r"set\.(\w+\.)?learner\.", key)]
+    settings = [
+        (key.rpartition(".")[2], value) for key, value in row.items() if re.match(r"set\.(\w+\.)?learner\.", key)
+    ]
     names = [value for key, value in row.items() if key.startswith("learner.")]
-    return ", ".join([*dict.fromkeys(names), *(f"{key} {value}" for key, value in told)])
+    return ", ".join([*dict.fromkeys(names), *(f"{key} {value}" for key, value in settings)])
 
 
 def cost(row: Mapping[str, Any], of: str) -> float:
@@ -86,8 +88,8 @@ def camping(scenario: str) -> float:
     world = scenarios.load(scenario)
     group = next(iter(Ecology(world).groups.values()))
     seed = EVALUATION_SEED
-    there = evaluation.baseline("camping", world, group, seed, EVALUATED)
-    return float(lives.mean_drive(world, there, EVALUATED, seed, SKIPPED).mean())
+    baseline = evaluation.baseline("camping", world, group, seed, EVALUATED)
+    return float(lives.mean_drive(world, baseline, EVALUATED, seed, SKIPPED).mean())
 
 
 def draw_costs(path: Path, found: Sequence[CostPoint], line: float) -> None:

@@ -103,9 +103,9 @@ def _through_dicts(env: Ecology, learner: Any) -> Callable[[], int]:
     """Return one tick of a learner that uses the world's dicts, as PettingZoo's users do."""
 
     def stacked(observations: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        told = observations.values()
-        zeta = np.concatenate([each["observation"] for each in told]).reshape(len(told), -1)
-        masks = np.concatenate([each["action_mask"] for each in told]).reshape(len(told), -1)
+        parts = observations.values()
+        zeta = np.concatenate([each["observation"] for each in parts]).reshape(len(parts), -1)
+        masks = np.concatenate([each["action_mask"] for each in parts]).reshape(len(parts), -1)
         return zeta, masks.astype(bool)
 
     learner.begin()
@@ -195,8 +195,8 @@ class Process:
             )  # fmt: skip
         except OSError as error:
             raise EcologyError(f"the Python {point.command[0]!r} cannot be started: {error.strerror}.") from error
-        told = self._answer()
-        self.agents, self.version = int(told["agents"]), str(told["version"])
+        answer = self._answer()
+        self.agents, self.version = int(answer["agents"]), str(answer["version"])
 
     def _answer(self) -> dict[str, Any]:
         assert self.process.stdout is not None

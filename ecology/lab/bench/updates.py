@@ -160,14 +160,14 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--widths", type=several, default=WIDTHS, metavar="H,...")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--rounds", type=one_or_more, default=9, metavar="N")
-    told = parser.parse_args(words)
+    options = parser.parse_args(words)
     cpu.WORKERS = 1
     print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
     with threadpool_limits(1):
-        for width in told.widths:
-            for n in told.agents:
+        for width in options.widths:
+            for n in options.agents:
                 try:
-                    print(f"| {' | '.join(cost(n, width, told.device, told.rounds).cells())} |", flush=True)
+                    print(f"| {' | '.join(cost(n, width, options.device, options.rounds).cells())} |", flush=True)
                 except EcologyError as error:
                     parser.error(str(error))
 

@@ -88,8 +88,8 @@ def minds_of(env: Ecology, scenario: Scenario, seed: int, own: Mapping[str, Any]
     """Return the learners that a scenario names, with their settings and `own` where they have such."""
     found = {}
     for i, (group, species) in enumerate(zip(env.groups.values(), scenario.species, strict=True)):
-        told = settings_of(species.learner, {**species.learner_settings, **own})
-        found[group.name] = agents.make(species.learner, group, np.random.SeedSequence([seed, i]), told)
+        known = settings_of(species.learner, {**species.learner_settings, **own})
+        found[group.name] = agents.make(species.learner, group, np.random.SeedSequence([seed, i]), known)
     return found
 
 

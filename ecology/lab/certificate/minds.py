@@ -109,24 +109,24 @@ def train(folder: Path, seed: int, ticks: int, settings: Mapping[str, Any], tell
 
 def measure_run(folder: Path, *, life: int = LIFE, tell: Tell = lambda _: None) -> dict[str, Any]:
     """Return the measures of the run of `paper` in `folder`, whole, and keep each there as soon as it is taken."""
-    told = _read_measures(folder, life)
+    measures = _read_measures(folder, life)
     for name, measure in MEASURES.items():
-        if name not in told:
+        if name not in measures:
             tell(name)
             start, run = time.monotonic(), open_run(folder)
             run.restore()
-            told |= {"seed": run.plan.seed, "ticks": run.plan.ticks, "life": life}
-            told[name] = measure(run, life)
-            told["seconds"] = round(told.get("seconds", 0.0) + time.monotonic() - start, 1)
-            write_json(folder / DONE, told)
-    return told
+            measures |= {"seed": run.plan.seed, "ticks": run.plan.ticks, "life": life}
+            measures[name] = measure(run, life)
+            measures["seconds"] = round(measures.get("seconds", 0.0) + time.monotonic() - start, 1)
+            write_json(folder / DONE, measures)
+    return measures
 
 
 def _read_measures(folder: Path, life: int) -> dict[str, Any]:
     """Return the measures in `folder` that were taken over frozen lives of `life` ticks."""
     try:
-        told = json.loads((folder / DONE).read_text(encoding="utf-8"))
-        return told if told["life"] == life else {}
+        record = json.loads((folder / DONE).read_text(encoding="utf-8"))
+        return record if record["life"] == life else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
@@ -169,15 +169,15 @@ def measure_frozen(run: Run, life: int) -> dict[str, Any]:
     """Return the measures of a frozen life with exploration, and what f, J and the choices are worth in it."""
     scenario, learner = _mind(run)
     seed = run.plan.seed + EVALUATION_SEED
-    own, told = _life(run, life, lives.EPSILON)
+    own, choices = _life(run, life, lives.EPSILON)
     maps = evaluation.maps_of(scenario, learner)
     if maps is not None:
         mapped = evaluation.maps_report(maps, scenario, learner.group).values()
         ranks = [each["spearman_with_walking_distance"] for each in mapped]
-        told["spearman"] = float(np.mean([0.0 if rank is None else rank for rank in ranks]))
-        told["minima_within_1"] = sum(each["minimum_within_1"] for each in mapped)
+        choices["spearman"] = float(np.mean([0.0 if rank is None else rank for rank in ranks]))
+        choices["minima_within_1"] = sum(each["minimum_within_1"] for each in mapped)
     probed = evaluation.probe(scenario, learner, seed, PROBES)
-    told["probe"] = float(np.mean([each["share_right"] for each in probed.values()]))
+    choices["probe"] = float(np.mean([each["share_right"] for each in probed.values()]))
     gamma, watched = getattr(getattr(learner, "settings", None), "gamma", None), [own]
     if gamma is not None:
         rng, far = np.random.default_rng(seed), evaluation.horizon(gamma, learner.group.dt)
@@ -185,15 +185,15 @@ def measure_frozen(run: Run, life: int) -> dict[str, Any]:
         watched += starts
         for name, from_ in (("life", [(own, 0, min(SKIP, life // 10))]), ("starts", [(each, 0, 0) for each in starts])):
             check = evaluation.compare_deviation(learner, from_, gamma, evaluation.STATES, rng).report()
-            told[f"bias_{name}"], told[f"correlation_{name}"] = check["bias"], check["correlation"]
+            choices[f"bias_{name}"], choices[f"correlation_{name}"] = check["bias"], check["correlation"]
     checked = evaluation.transition_check(scenario, learner, watched, seed)
     shares = {
         name: row["share_explained"] for name, row in (checked or {}).items() if row["share_explained"] is not None
     }
     if shares:
         least = min(shares, key=lambda name: shares[name])
-        told |= {"least_explained": shares[least], "least_explained_movement": least}
-    return told
+        choices |= {"least_explained": shares[least], "least_explained_movement": least}
+    return choices
 
 
 def greedy(run: Run, life: int) -> dict[str, Any]:
@@ -392,8 +392,8 @@ def jobs(out: Path, seeds: Sequence[int], ticks: int, life: int, settings: Mappi
             f"{ticks}. Pass more."
         )
     plan = resolve(WORLD, changes=settings, ticks=ticks)
-    told = [processor(), code_digest(), world_digest(plan.load()), words_of(plan.learners), ticks, life]
-    name = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:12]
+    identity = [processor(), code_digest(), world_digest(plan.load()), words_of(plan.learners), ticks, life]
+    name = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:12]
     folder = out / "minds" / name
     return [Job(seed=seed, ticks=ticks, life=life, settings=settings, folder=folder / f"seed-{seed}") for seed in seeds]
 

@@ -24,8 +24,8 @@ class PartStore:
     def read(self, case: Case, part: Part) -> Any | None:
         """Return the value of a part; None if it is not done or was made with other parameters."""
         try:
-            told = json.loads(self._path(case, part).read_text(encoding="utf-8"))
-            return told["value"] if told["words"] == self._parameters(part) else None
+            record = json.loads(self._path(case, part).read_text(encoding="utf-8"))
+            return record["value"] if record["words"] == self._parameters(part) else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
@@ -33,11 +33,11 @@ class PartStore:
         """Compute a part and keep its value."""
         start = time.monotonic()
         value = part.compute()
-        told = {"words": self._parameters(part), "seconds": round(time.monotonic() - start, 1), "value": value}
+        record = {"words": self._parameters(part), "seconds": round(time.monotonic() - start, 1), "value": value}
         path = self._path(case, part)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            replace_text(path, json.dumps(told, indent=1) + "\n")
+            replace_text(path, json.dumps(record, indent=1) + "\n")
         except OSError as error:
             raise EcologyError(f"the folder {str(self.folder)!r} cannot be written: {error.strerror}.") from error
         return value

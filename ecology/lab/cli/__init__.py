@@ -27,11 +27,11 @@ def main(words: Sequence[str] | None = None) -> None:
     except StoppedError as stopped:
         sys.exit(128 + stopped.signum)
     except Exception as error:
-        told = error if isinstance(error, EcologyError) else faults.user_fault(error) or _describe_refused(error)
-        if told is None:
+        cause = error if isinstance(error, EcologyError) else faults.user_fault(error) or _describe_refused(error)
+        if cause is None:
             raise
-        frames = told.frames if isinstance(told, faults.FaultError) else ""
-        print(f"{frames}ecology: {told}", file=sys.stderr)
+        frames = cause.frames if isinstance(cause, faults.FaultError) else ""
+        print(f"{frames}ecology: {cause}", file=sys.stderr)
         sys.exit(2)
 
 

@@ -30,37 +30,37 @@ if TYPE_CHECKING:
     from ecology.observers.rerun import RerunObserver
 
 
-def run_and_report(it: Run, observers: list[Observer], *, quiet: bool) -> None:
+def run_and_report(run: Run, observers: list[Observer], *, quiet: bool) -> None:
     """Run to the end with a progress bar and print the summary; then serve the page of the run until Ctrl-C."""
     if not quiet:
-        observers.append(Progress(it.totals, it.plan.ticks))
+        observers.append(Progress(run.totals, run.plan.ticks))
     audience = next((each for each in observers if isinstance(each, Audience)), None)
     with contextlib.ExitStack() as at_end:
         if audience is not None:
             at_end.callback(audience.close)
         try:
-            with compiling.share_compiling(it.learners.values()):
-                summary = it.live(observers)
+            with compiling.share_compiling(run.learners.values()):
+                summary = run.live(observers)
         except StoppedError as stopped:
             if not quiet:
                 with contextlib.suppress(OSError):  # a terminal that hung up
-                    print(f"stopped by {stopped} at tick {it.totals.tick}; resume with: {it.resume_command()}")
+                    print(f"stopped by {stopped} at tick {run.totals.tick}; resume with: {run.resume_command()}")
             raise
         if not quiet:
-            print_summary(it.folder, summary)
+            print_summary(run.folder, summary)
         if audience is not None and audience.url is not None:
-            look_back(it, audience)
+            look_back(run, audience)
 
 
-def look_back(it: Run, audience: Audience) -> None:
+def look_back(run: Run, audience: Audience) -> None:
     """Serve the recording of a run that is over at the address of its page, until Ctrl-C."""
     with contextlib.ExitStack() as stack:
-        if it.plan.record:
+        if run.plan.record:
             from ecology.observers import viewer
             from ecology.observers.hindsight import Hindsight
 
             past = Hindsight(
-                stack.enter_context(viewer.open_recording(it.folder)), it.scenario, it.folder.absolute().name
+                stack.enter_context(viewer.open_recording(run.folder)), run.scenario, run.folder.absolute().name
             )
             kept = Path(stack.enter_context(tempfile.TemporaryDirectory())) / RECORDING
             audience.look_back(past.write_view(None, kept), past)
@@ -94,39 +94,39 @@ class Watching:
         return bool(self.view or self.serve or self.connect)
 
 
-def make_observers(it: Run, watching: Watching | None = None, *, resume: bool) -> list[Observer]:
+def make_observers(run: Run, watching: Watching | None = None, *, resume: bool) -> list[Observer]:
     """Return the observers that record and show the run."""
     from ecology.observers.census import Focus
 
     how = watching or Watching()
     observers: list[Observer] = []
-    if how.focus and not (it.plan.record or how.now):
+    if how.focus and not (run.plan.record or how.now):
         raise EcologyError("--focus is of a run that is recorded or watched; leave it out, or leave out --no-record.")
-    Focus.of(it.env, how.focus)  # an unknown agent is refused before anything is written
-    requests = FocusRequests(it.folder)
+    Focus.of(run.env, how.focus)  # an unknown agent is refused before anything is written
+    requests = FocusRequests(run.folder)
     if how.serve:
-        it.control = Control(paused=how.paused, pace=how.pace, patient=how.patient)
-    if it.plan.record:
+        run.control = Control(paused=how.paused, pace=how.pace, patient=how.patient)
+    if run.plan.record:
         from ecology.observers.recorder import Recorder  # slow to load
 
-        every = it.plan.record_every
-        observers.append(Recorder(it.folder / METRICS, every, resume=resume, deeds=it.schedule.since(it.now, every)))
-    if it.plan.record or how.now:
+        every = run.plan.record_every
+        observers.append(Recorder(run.folder / METRICS, every, resume=resume, deeds=run.schedule.since(run.now, every)))
+    if run.plan.record or how.now:
         from ecology.observers.rerun import Recorded, RerunObserver, Viewers  # slow to load
         from ecology.observers.viewer import LOOPBACK
 
         served = (LOOPBACK, None if how.serve else 0) if how.view or how.serve else None
         rerun = RerunObserver(
-            it.folder / RECORDING if it.plan.record else None,
-            every=it.plan.record_every,
+            run.folder / RECORDING if run.plan.record else None,
+            every=run.plan.record_every,
             viewers=Viewers(served, how.connect),
             focus=how.focus,
-            detail=it.plan.record_detail if it.plan.record_detail != "auto" else None,
-            run=Recorded(it.folder.name, resume, it.born_and_died(), requests, it.control),
+            detail=run.plan.record_detail if run.plan.record_detail != "auto" else None,
+            run=Recorded(run.folder.name, resume, run.born_and_died(), requests, run.control),
         )
         observers.append(rerun)
         if served is not None:
-            observers.append(Audience(it, rerun, requests, how))
+            observers.append(Audience(run, rerun, requests, how))
     return observers
 
 
@@ -142,7 +142,7 @@ def web_port(port: int | None) -> int:
 class Audience:
     """Opens viewers on a run that serves, an observer: the viewer itself, or a page with the controls of the run."""
 
-    def __init__(self, it: Run, rerun: RerunObserver, requests: FocusRequests, how: Watching) -> None:
+    def __init__(self, run: Run, rerun: RerunObserver, requests: FocusRequests, how: Watching) -> None:
         from ecology.observers.viewer import needs_display
 
         if how.view:
@@ -150,7 +150,7 @@ class Audience:
         if how.port is not None:
             web_port(how.port)  # a taken port is refused before anything is written
         self._serves, self._port = how.serve, how.port
-        self._run, self._rerun, self._requests, self._view = it, rerun, requests, how.view
+        self._run, self._rerun, self._requests, self._view = run, rerun, requests, how.view
         self._page: Page | None = None
         self._state: State | None = None
         self._over = self._can_look_back = False

@@ -147,16 +147,16 @@ def read_pairs(
     If `option` takes `several` values of a key, the error shows how to join them in one.
     """
     found: dict[str, Any] = {}
-    told: dict[str, str] = {}
+    values: dict[str, str] = {}
     for word in words or ():
         key, value = read(word)
         typed = word.partition("=")[2].strip()
         if key in found:
-            instead = f"{key}={told[key]},{typed}" if several else f"{key}={typed}"
+            instead = f"{key}={values[key]},{typed}" if several else f"{key}={typed}"
             raise EcologyError(
-                f"{option} takes {key!r} once, got {told[key]!r} and {typed!r}; write {option} {instead} alone."
+                f"{option} takes {key!r} once, got {values[key]!r} and {typed!r}; write {option} {instead} alone."
             )
-        found[key], told[key] = value, typed
+        found[key], values[key] = value, typed
     return found
 
 

@@ -137,9 +137,9 @@ def fill(template: str, parts: Sequence[Part]) -> str:
     places: dict[str, dict[Any, str]] = {}
     for part in parts:
         for place, lines in part.lines.items():
-            there = places.setdefault(place, {})
+            texts = places.setdefault(place, {})
             for line in lines.split("\n"):  # what two components say alike of the species is said once
-                there.setdefault(line.partition("=")[0] if place == "species" else len(there), line)
+                texts.setdefault(line.partition("=")[0] if place == "species" else len(texts), line)
 
     def put(mark: re.Match[str]) -> str:
         indent = mark.group(0)[: mark.group(0).index("#")]

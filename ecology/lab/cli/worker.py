@@ -45,11 +45,11 @@ def measure(folder: Path, source: str | None = None) -> None:
     run.restore()
     learner = next(iter(run.learners.values()))
     life = lives.fresh_life(run.scenario, learner, EVALUATED, run.plan.seed + EVALUATION_SEED)
-    told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     for key, own in ((LEARNED, False), (LEARNED_OWN, True)):
         drives = lives.drive_series(life, SKIPPED, own=own)
-        told[key] = float(drives.mean()) if len(drives) else None
-    write_json(folder / SUMMARY, told)
+        summary[key] = float(drives.mean()) if len(drives) else None
+    write_json(folder / SUMMARY, summary)
 
 
 if __name__ == "__main__":

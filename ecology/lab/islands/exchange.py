@@ -57,8 +57,8 @@ def _destinations(migration: Migration, island: int, islands: int, drawn: np.nda
     """Return the destinations of an island's agents (k,), from uniform numbers (k,); -1 for those that stay."""
     if isinstance(migration.where, tuple):
         upto = np.cumsum(migration.where[island])
-        there = np.searchsorted(upto, drawn * upto[-1], side="right")
-        return np.where(upto[-1] > 0, np.minimum(there, islands - 1), -1)
+        target = np.searchsorted(upto, drawn * upto[-1], side="right")
+        return np.where(upto[-1] > 0, np.minimum(target, islands - 1), -1)
     if islands == 1:
         return np.full(len(drawn), -1)
     if migration.where == "ring":
@@ -86,7 +86,7 @@ class Brood:
 
     parents: list[np.ndarray]  # per island (n,)
     traits: list[np.ndarray | None]  # per island (n, T)
-    told: dict[str, Any]  # of the generation, for the ledger
+    report: dict[str, Any]  # of the generation, for the ledger
 
 
 def draw_brood(pool: Pool, traits: Sequence[Trait], counts: Sequence[Count], seed: np.random.SeedSequence) -> Brood:
@@ -109,15 +109,15 @@ def draw_brood(pool: Pool, traits: Sequence[Trait], counts: Sequence[Count], see
         first.append(one)
         second.append(other)
         values.append(np.clip(found, low, high))
-    told: dict[str, Any] = {"parents": len(serial), "born": sum(sizes)}
-    told |= {"distinct parents": len(np.unique(np.concatenate([*first, *second])))} if len(serial) else {}
+    report: dict[str, Any] = {"parents": len(serial), "born": sum(sizes)}
+    report |= {"distinct parents": len(np.unique(np.concatenate([*first, *second])))} if len(serial) else {}
     if len(serial):
         children, mother, father = np.concatenate(values), np.concatenate(first), np.concatenate(second)
-        told["traits"] = {
+        report["traits"] = {
             trait.name: _measure_selection(z[:, t], children[:, t], serial, mother, father)
             for t, trait in enumerate(traits)
         }
-    return Brood([serial[one] for one in first], [found if traits else None for found in values], told)
+    return Brood([serial[one] for one in first], [found if traits else None for found in values], report)
 
 
 def _draw_parents(pool: Pool, upto: np.ndarray, size: int, rng: np.random.Generator) -> np.ndarray:

@@ -46,10 +46,10 @@ class Host:
             try:
                 found[number] = self._open(number, *words) if method == "open" else self._do(number, method, words)
             except Exception as error:
-                told = error if isinstance(error, EcologyError) else faults.user_fault(error)
-                if told is None:
+                cause = error if isinstance(error, EcologyError) else faults.user_fault(error)
+                if cause is None:
                     raise
-                raise EcologyError(f"island {number}: {told}") from error
+                raise EcologyError(f"island {number}: {cause}") from error
         return found
 
     def _do(self, number: int, method: str, words: Sequence[Any]) -> Any:
@@ -105,14 +105,14 @@ class ProcessHost:
     def answer(self) -> dict[int, Any]:
         """Wait for what it returns."""
         try:
-            kind, told = self._line.recv()
+            kind, content = self._line.recv()
         except (EOFError, OSError) as error:
             raise LostError from error
         if kind == "lost":
             raise LostError
         if kind == "error":
-            raise EcologyError(told)
-        return told
+            raise EcologyError(content)
+        return content
 
     def close(self) -> None:
         """End it: it ends by itself when the line does."""
@@ -144,9 +144,9 @@ class RayHost:
         try:
             return self._ray.get(self._under_way)
         except self._ray.exceptions.RayTaskError as error:
-            told = error.as_instanceof_cause()
-            if isinstance(told, EcologyError):
-                raise EcologyError(getattr(error.cause, "args", [str(told)])[0]) from error
+            cause = error.as_instanceof_cause()
+            if isinstance(cause, EcologyError):
+                raise EcologyError(getattr(error.cause, "args", [str(cause)])[0]) from error
             raise
         except self._ray.exceptions.RayError as error:  # the actor, its node, or the connection
             raise LostError from error

@@ -110,10 +110,10 @@ class IslandRun:
             shutil.rmtree(later)
         self._begin(resume=True)
 
-    def fork(self, source: Path, tick: int, told: Mapping[str, Any]) -> None:
+    def fork(self, source: Path, tick: int, record: Mapping[str, Any]) -> None:
         """Start, in a folder of its own, from the common snapshot of the island whose run is in `source`."""
         before = Run(resolve_run(config=read_config(source / "config.toml"), copies=self.plan.copies), source)
-        self.run = forks.fork_from(before, checkpoint.read(source / KEPT / str(tick)), self.plan, self.folder, told)
+        self.run = forks.fork_from(before, checkpoint.read(source / KEPT / str(tick)), self.plan, self.folder, record)
         self._begin(resume=False)
 
     def _begin(self, *, resume: bool) -> None:

@@ -78,10 +78,10 @@ class Voyage:
     def plan_of(self, number: int) -> Plan:
         """Return the plan of one island; whether it fits the others is not checked."""
         island = self.world.islands[number]
-        told = {"number": number, "islands": len(self.world.islands), "species": self.world.moving}
+        place = {"number": number, "islands": len(self.world.islands), "species": self.world.moving}
         return resolve(
             _beside(island.scenario, self.archipelago),
-            config={"island": told},
+            config={"island": place},
             changes=island.settings,
             learners=[_learner(word, self.archipelago) for word in island.learners],
             copies=self.copies,

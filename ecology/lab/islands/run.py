@@ -126,8 +126,8 @@ class ArchipelagoRun:
         if not forked:
             return ("start",)
         origin = self.voyage.folder_of(Path(forked["run"]), number)
-        told = {**forked, "run": str(origin), "remove": [], "move": {}}
-        return "fork", origin, forked["at"], told
+        record = {**forked, "run": str(origin), "remove": [], "move": {}}
+        return "fork", origin, forked["at"], record
 
     @contextlib.contextmanager
     def _listening(self) -> Iterator[None]:
@@ -181,9 +181,12 @@ class ArchipelagoRun:
 
     def _watch(self, census: Mapping[int, Census]) -> None:
         if self._overview is not None:
-            told = [census[i] for i in self.islands]
+            counts = [census[i] for i in self.islands]
             self._overview.watch(
-                self.now, [each.place for each in told], [each.alive for each in told], [each.drive for each in told]
+                self.now,
+                [each.place for each in counts],
+                [each.alive for each in counts],
+                [each.drive for each in counts],
             )
 
     def _migrate(self, number: int, migration: Migration, census: Mapping[int, Census]) -> None:
@@ -229,9 +232,9 @@ class ArchipelagoRun:
         }
         self.fleet.call("breed", orders)
         self.generations += 1
-        self._tell(species=pool.species, **brood.told)
+        self._tell(species=pool.species, **brood.report)
         if self._overview is not None:
-            self._overview.show_generation(self.now, brood.told.get("traits", {}))
+            self._overview.show_generation(self.now, brood.report.get("traits", {}))
 
     def _tell(self, **words: Any) -> None:
         self._ledger.append(json.dumps({"tick": self.now, **words}))
@@ -260,8 +263,8 @@ class ArchipelagoRun:
 
     def _cut(self) -> None:
         """Remove the lines of the ledger that are later than the common snapshot."""
-        told = json.loads((self.folder / COMMON).read_text(encoding="utf-8"))
-        self.migrated, self.refused, self.generations = (int(told.get(key, 0)) for key in self._counts())
+        record = json.loads((self.folder / COMMON).read_text(encoding="utf-8"))
+        self.migrated, self.refused, self.generations = (int(record.get(key, 0)) for key in self._counts())
         path = self.folder / LEDGER
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
         kept = [line for line in lines if line.endswith("}") and json.loads(line)["tick"] <= self.now]
@@ -323,11 +326,11 @@ def fork(
     for key in changes:
         if key not in before.settings:
             raise EcologyError(f"the archipelago has no setting {key!r}. {nearest(key, before.settings)}")
-    told = {"run": str(folder.absolute()), "at": at, "changes": dict(changes)}
+    record = {"run": str(folder.absolute()), "at": at, "changes": dict(changes)}
     settings = {**before.settings, **changes}
     if ticks is not None and "ticks" in settings:
         settings["ticks"] = ticks
-    voyage = dataclasses.replace(before, settings=settings, ticks=ticks or before.ticks, forked=told)
+    voyage = dataclasses.replace(before, settings=settings, ticks=ticks or before.ticks, forked=record)
     if voyage.ticks <= at:
         raise EcologyError(f"a fork at tick {at} that lives to tick {voyage.ticks} has no future; give more --ticks.")
     if len(voyage.plans) != len(before.plans):

@@ -38,7 +38,7 @@ def join(address: str) -> Any:
         with contextlib.nullcontext() if address == "local" else _errors_of_ray(said):
             ray.init(None if address == "local" else address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        told = str(error).strip().partition("\n")[0]
+        reason = str(error).strip().partition("\n")[0]
         if isinstance(error, getattr(ray.exceptions, "AuthenticationError", ())) or any(
             "AuthToken" in line for line in said
         ):
@@ -47,7 +47,7 @@ def join(address: str) -> Any:
             advice = "start a cluster with `ray start --head`, or give local or HOST:PORT"
         else:
             advice = f"check that Ray {ray.__version__} runs there, with Python {platform.python_version()} as here"
-        raise EcologyError(f"--ray {address!r}: Ray cannot join a cluster ({told}); {advice}.") from error
+        raise EcologyError(f"--ray {address!r}: Ray cannot join a cluster ({reason}); {advice}.") from error
     return ray
 
 
@@ -132,9 +132,9 @@ def _knock(address: str) -> None:
     try:
         socket.create_connection((match[1] or match[2], int(match[3])), timeout=KNOCK).close()
     except (OSError, UnicodeError) as error:
-        told = getattr(error, "strerror", None) or str(error)
+        reason = getattr(error, "strerror", None) or str(error)
         raise EcologyError(
-            f"--ray {address!r}: nothing answers there ({told}); give the HOST:PORT that `ray start --head` printed, "
+            f"--ray {address!r}: nothing answers there ({reason}); give the HOST:PORT that `ray start --head` printed, "
             "whose port is 6379 by default."
         ) from error
 

@@ -63,9 +63,9 @@ def check_evaluation(folder: Path, words: Mapping[str, Any]) -> None:
     try:
         with readable("the evaluation", path):
             text = path.read_text(encoding="utf-8")
-        told = json.loads(text)
+        record = json.loads(text)
         differ = [
-            f"{key} {told.get(key)!r} instead of {value!r}" for key, value in mine.items() if told.get(key) != value
+            f"{key} {record.get(key)!r} instead of {value!r}" for key, value in mine.items() if record.get(key) != value
         ]
     except FileNotFoundError:
         return

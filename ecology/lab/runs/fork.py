@@ -42,10 +42,10 @@ def fork(run: Run, at: int, out: Path, change: Change, *, observers: Sequence[Ob
     record, keep_every; the run's own without. Raises EcologyError where the change does not fit.
     """
     plan = resolve(config=read_config(run.folder / CONFIG), changes=change.settings, copies=run.plan.copies, **settings)
-    told = {"run": str(run.folder.absolute()), "at": at, "changes": dict(change.settings)}
-    told |= {"remove": list(change.remove), "move": {name: list(place) for name, place in change.move.items()}}
-    told |= {"do": list(change.do)} if change.do else {}
-    forked = _prepare(run, plan, out, told)
+    record = {"run": str(run.folder.absolute()), "at": at, "changes": dict(change.settings)}
+    record |= {"remove": list(change.remove), "move": {name: list(place) for name, place in change.move.items()}}
+    record |= {"do": list(change.do)} if change.do else {}
+    forked = _prepare(run, plan, out, record)
     go_to(run, at, observers)
     parts = run.parts()
     arrays, values = parts["world"]
@@ -64,21 +64,21 @@ def fork(run: Run, at: int, out: Path, change: Change, *, observers: Sequence[Ob
     return forked
 
 
-def fork_from(run: Run, parts: dict[str, checkpoint.Part], plan: Plan, out: Path, told: Mapping[str, Any]) -> Run:
+def fork_from(run: Run, parts: dict[str, checkpoint.Part], plan: Plan, out: Path, record: Mapping[str, Any]) -> Run:
     """Return a run to `out` with `plan`, not yet started, that continues from the state `parts` of `run`."""
     run.check_words(parts)
-    forked = _prepare(run, plan, out, told)
+    forked = _prepare(run, plan, out, record)
     _become(forked, parts)
     return forked
 
 
-def _prepare(run: Run, plan: Plan, out: Path, told: Mapping[str, Any]) -> Run:
+def _prepare(run: Run, plan: Plan, out: Path, record: Mapping[str, Any]) -> Run:
     """Check that the plan of a fork fits `run`, and return the fork as a new run."""
-    if plan.ticks <= told["at"]:
+    if plan.ticks <= record["at"]:
         raise EcologyError(
-            f"a fork at tick {told['at']} that lives to tick {plan.ticks} has no future; give more --ticks."
+            f"a fork at tick {record['at']} that lives to tick {plan.ticks} has no future; give more --ticks."
         )
-    forked = Run(dataclasses.replace(plan, forked=dict(told)), out)
+    forked = Run(dataclasses.replace(plan, forked=dict(record)), out)
     forked.check_folder()
     _check_changes(run.scenario, forked.scenario)
     return forked

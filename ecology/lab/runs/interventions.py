@@ -104,12 +104,12 @@ def _entries(path: Path, lines: Iterable[str]) -> Iterable[Entry]:
         if not line.strip():
             continue
         try:
-            told = json.loads(line)
+            entry = json.loads(line)
         except (ValueError, RecursionError) as error:
             raise EcologyError(f'{where}: a line is {{"tick": 120, "do": "..."}}, got {line[:80]!r}.') from error
-        if not isinstance(told, dict) or set(told) != {"tick", "do"}:
+        if not isinstance(entry, dict) or set(entry) != {"tick", "do"}:
             raise EcologyError(f'{where}: a line is {{"tick": 120, "do": "..."}}, got {line[:80]!r}.')
-        tick, text = told["tick"], told["do"]
+        tick, text = entry["tick"], entry["do"]
         if type(tick) is not int or tick < last:
             raise EcologyError(f"{where}: its tick is a whole number, at least that of the line before; got {tick!r}.")
         try:

@@ -30,11 +30,11 @@ class DecisionRecorder(Observer):
         self._follow(env.state_view, minds)
 
     def _follow(self, state: State, minds: Mapping[str, Mind]) -> int | None:
-        there = np.flatnonzero(state.alive[self._rows] & (state.serial[self._rows] == self._serial))
-        if not there.size:
+        rows = np.flatnonzero(state.alive[self._rows] & (state.serial[self._rows] == self._serial))
+        if not rows.size:
             return None
-        minds[self._species].follow([int(there[0])])
-        return int(there[0])
+        minds[self._species].follow([int(rows[0])])
+        return int(rows[0])
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Note the decision that it acts on."""

@@ -146,8 +146,8 @@ class Run:
 
     def check_words(self, parts: Mapping[str, checkpoint.Part]) -> None:
         """Raise EcologyError where a checkpoint is not of this run's world, learners and seed."""
-        told, mine = parts["run"][1], self._words()
-        differ = [key for key in mine if told["words"].get(key) != mine[key]]
+        theirs, mine = parts["run"][1], self._words()
+        differ = [key for key in mine if theirs["words"].get(key) != mine[key]]
         if differ:
             raise EcologyError(
                 f"the checkpoint in {str(self.folder)!r} is of another world: it differs in {' and '.join(differ)}. "
@@ -177,7 +177,7 @@ class Run:
         config was written begins.
         """
         begun = any((self.folder / name).exists() for name in WRITES if name != CONFIG)
-        if begun or previous or checkpoint.there(self.folder / CHECKPOINT):
+        if begun or previous or checkpoint.exists(self.folder / CHECKPOINT):
             self.restore(previous=previous)
         self._previous = previous
         if self._has_ended():
@@ -187,8 +187,8 @@ class Run:
     def _has_ended(self) -> bool:
         """Return whether the summary covers all that the run has done."""
         try:
-            told = json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))
-            return told["ticks"] == self.now and "stopped_at" not in told
+            summary = json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))
+            return summary["ticks"] == self.now and "stopped_at" not in summary
         except (OSError, ValueError, TypeError, KeyError):
             return False
 
@@ -352,8 +352,8 @@ class Run:
         loop.pass_on_effect(self.env, self.learners, effect, effect.changed)
         self.schedule.done += 1
         for observer in self._observers:
-            if (told := getattr(observer, "intervened", None)) is not None:
-                told(self.env.state_view, text, effect.said)
+            if (notify := getattr(observer, "intervened", None)) is not None:
+                notify(self.env.state_view, text, effect.said)
         return effect.tick, effect.said
 
     def _between(self, tick: Tick) -> Tick:
@@ -533,11 +533,13 @@ def _room(what: str) -> Iterator[None]:
         raise
     except (MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
         # torch and numpy tell by their words alone
-        told = str(error).partition("\n")[0]
+        reason = str(error).partition("\n")[0]
         about = ("memory", "overflow", "maximum allowed dimension", "unable to allocate")
-        if not isinstance(error, (MemoryError, OverflowError)) and not any(word in told.lower() for word in about):
+        if not isinstance(error, (MemoryError, OverflowError)) and not any(word in reason.lower() for word in about):
             raise
-        raise EcologyError(f"{what} is too large for the memory of this machine ({told}); make it smaller.") from error
+        raise EcologyError(
+            f"{what} is too large for the memory of this machine ({reason}); make it smaller."
+        ) from error
 
 
 def _big(choice: Choice, copies: Path | None) -> str:

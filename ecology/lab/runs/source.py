@@ -123,8 +123,8 @@ def keep(names: Iterable[str], folder: Path, copies: Path | None = None, *, tick
     for name, (_, text) in texts.items():
         (fresh / name).parent.mkdir(parents=True, exist_ok=True)
         (fresh / name).write_bytes(text)
-    told = {name: origin._asdict() for name, origin in origins.items()}
-    (fresh / ORIGINS).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    record = {name: origin._asdict() for name, origin in origins.items()}
+    (fresh / ORIGINS).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     if target.exists() and tick and not former.exists():
         target.rename(former)
     elif target.exists():  # no tick of the run came from it
@@ -163,7 +163,7 @@ def _read(copies: Path) -> dict[str, Origin] | None:
     try:
         with readable("the list of sources", path):
             text = path.read_text(encoding="utf-8")
-        found = {name: Origin(str(told["path"]), str(told["sha256"])) for name, told in json.loads(text).items()}
+        found = {name: Origin(str(entry["path"]), str(entry["sha256"])) for name, entry in json.loads(text).items()}
         if away := [name for name in found if os.path.isabs(name) or ".." in Path(name).parts]:
             raise ValueError(f"{away[0]!r} lies elsewhere")
         return found

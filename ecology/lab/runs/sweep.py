@@ -84,10 +84,10 @@ def seeds_of(text: str) -> list[int]:
 
 def values_of(text: str) -> tuple[str, list[Any]]:
     """Return key and values of "key=1,2,[3, 4],word"; values that mean the same are there once."""
-    key, sign, told = text.partition("=")
-    if not sign or not key.strip() or not told.strip():
+    key, sign, listed = text.partition("=")
+    if not sign or not key.strip() or not listed.strip():
         raise EcologyError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
-    parts = split_values(told)
+    parts = split_values(listed)
     if not parts[-1]:  # a comma at the end
         parts.pop()
     if not all(parts):
@@ -124,12 +124,12 @@ def cells_of(
         axes[axis] = [("learner", f"{species}={name}" if species else name) for name in dict.fromkeys(names.split(","))]
     cells: dict[str, Cell] = {}
     for choice in itertools.product(*axes.values()):
-        told = dict(zip(axes, choice, strict=True))
+        picked = dict(zip(axes, choice, strict=True))
         chosen = [value for key, value in choice if key == "learner"]
         changes = {key: value for key, value in choice if key != "learner"}
         plan = resolve(scenario, changes=changes, learners=chosen, seed=seeds[0], **flags)
         varied = {axis: str(value).rpartition("=")[2] if key == "learner" else value
-                  for axis, (key, value) in told.items()}  # fmt: skip
+                  for axis, (key, value) in picked.items()}  # fmt: skip
         several = {axis: varied[axis] for axis in axes if len(axes[axis]) > 1}
         for seed in seeds:
             name = _name(several, seed)
@@ -147,17 +147,17 @@ def cells_of(
 
 def _name(varied: Mapping[str, Any], seed: int) -> str:
     """Return the name of a run's folder: its settings, or a digest of them where a name cannot hold them."""
-    told = "_".join(f"{axis.removeprefix('set.')}={value}" for axis, value in varied.items())
-    name = re.sub(r"[^\w.=+-]", "-", told)
-    if name != told or len(name) > LONGEST:
-        name = f"{name[:LONGEST]}-{hashlib.sha256(told.encode()).hexdigest()[:8]}"
+    whole = "_".join(f"{axis.removeprefix('set.')}={value}" for axis, value in varied.items())
+    name = re.sub(r"[^\w.=+-]", "-", whole)
+    if name != whole or len(name) > LONGEST:
+        name = f"{name[:LONGEST]}-{hashlib.sha256(whole.encode()).hexdigest()[:8]}"
     return f"{name}_seed={seed}" if name else f"seed={seed}"
 
 
 def finished_summary(cell: Cell) -> dict[str, Any] | None:
     """Return the summary of a run that has ended, and is measured if it is to be; else None."""
-    told = ended_summary(cell)
-    return told if told is not None and (LEARNED in told or not cell.evaluate) else None
+    summary = ended_summary(cell)
+    return summary if summary is not None and (LEARNED in summary or not cell.evaluate) else None
 
 
 def ended_summary(cell: Cell) -> dict[str, Any] | None:
@@ -168,9 +168,9 @@ def ended_summary(cell: Cell) -> dict[str, Any] | None:
 def summary_at(folder: Path, ticks: int) -> dict[str, Any] | None:
     """Return the summary of a run that has lived its `ticks`, None of one that has not."""
     try:
-        told = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-        lived = told["ticks"] == ticks or "extinct_at" in told
-        return told if lived and "stopped_at" not in told else None
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        lived = summary["ticks"] == ticks or "extinct_at" in summary
+        return summary if lived and "stopped_at" not in summary else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
 
@@ -179,7 +179,7 @@ def check_cell(cell: Cell) -> None:
     """Raise EcologyError where the folder of a run holds a run with other settings."""
     try:
         with readable("the config", cell.folder / CONFIG):
-            there = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
+            config = tomllib.loads((cell.folder / CONFIG).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return
     except EcologyError:
@@ -187,8 +187,8 @@ def check_cell(cell: Cell) -> None:
     except (OSError, ValueError) as error:
         raise EcologyError(f"the config {str(cell.folder / CONFIG)!r} cannot be read: {error}.") from error
     mine = tomllib.loads(cell.plan.to_toml())
-    worlds = [words.pop("made_with", {}).get("world") for words in (mine, there)]
-    differ = [key for key in sorted(mine.keys() | there.keys()) if mine.get(key) != there.get(key)]
+    worlds = [words.pop("made_with", {}).get("world") for words in (mine, config)]
+    differ = [key for key in sorted(mine.keys() | config.keys()) if mine.get(key) != config.get(key)]
     if not differ and worlds[0] != worlds[1]:
         differ = ["the scenario file, which has changed since"]
     if differ:
@@ -239,13 +239,13 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _is_of(told: Mapping[str, Any], cell: Cell) -> bool:
+def _is_of(words: Mapping[str, Any], cell: Cell) -> bool:
     """Return whether a row of the table is of `cell`; where its folder is, `check` has compared that."""
     if (cell.folder / CONFIG).exists():
         return True
     mine = row(cell, {})
     plain = json.loads(json.dumps(mine, default=str))  # as a table holds it: lists for tuples
-    return all(told.get(key, plain[key]) in (plain[key], str(mine[key])) for key in mine)
+    return all(words.get(key, plain[key]) in (plain[key], str(mine[key])) for key in mine)
 
 
 # ---- living it ---------------------------------------------------------------------------------
@@ -480,9 +480,9 @@ def check_shown(columns: Iterable[str], cells: Sequence[Cell], summary_of: Calla
             continue
         seen.add(kind)
         summary = summary_of(cell)
-        told = {**summary, **({LEARNED: None, LEARNED_OWN: None} if cell.evaluate else {})}
+        numbers = {**summary, **({LEARNED: None, LEARNED_OWN: None} if cell.evaluate else {})}
         head = row(cell, {})
-        known += [key for key in row(cell, told) if key not in head]
+        known += [key for key in row(cell, numbers) if key not in head]
         causes = tuple(f"population.{name}.died_of." for name in summary["population"])  # as many as will happen
         missing = {column for column in missing if column not in known and not column.startswith(causes)}
     for column in sorted(missing):
@@ -543,8 +543,8 @@ def points(outcomes: Iterable[Outcome], column: str = "mean_drive") -> list[Swee
 
     outcomes = list(outcomes)
     groups: dict[str, tuple[Mapping[str, Any], list[float]]] = {}
-    for outcome, told in zip(outcomes, rows_of(outcomes), strict=True):
-        value = told.get(column)
+    for outcome, record in zip(outcomes, rows_of(outcomes), strict=True):
+        value = record.get(column)
         if value is not None:
             groups.setdefault(repr(outcome.cell.varied), (outcome.cell.varied, []))[1].append(float(value))
     found = []

@@ -27,9 +27,9 @@ def make_fork(run: Run, out: Path | None, do: Sequence[str]) -> Run:
     where = folder.with_name(f"{folder.name}-at-{run.now}") if out is None else out
     if run.now >= run.plan.ticks:
         raise EcologyError(f"the run is at its last tick, {run.now}; a fork from here has no future.")
-    told = {"run": str(folder), "at": run.now, "changes": {}, "remove": [], "move": {}}
-    told |= {"do": list(do)} if do else {}
-    forked = type(run)(dataclasses.replace(run.plan, forked=told), where)
+    record = {"run": str(folder), "at": run.now, "changes": {}, "remove": [], "move": {}}
+    record |= {"do": list(do)} if do else {}
+    forked = type(run)(dataclasses.replace(run.plan, forked=record), where)
     forked.check_folder()
     forked.schedule.entries = list(run.schedule.entries[: run.schedule.done])
     forked.become(copy.deepcopy(run.parts()))
@@ -66,7 +66,9 @@ class Twin:
         run.start()
         self._stack = contextlib.ExitStack()
         self._stack.enter_context(lock(run.folder))
-        sides = [told(run.folder.name, "; ".join(do)) for each in observers if (told := getattr(each, "forked", None))]
+        sides = [
+            notify(run.folder.name, "; ".join(do)) for each in observers if (notify := getattr(each, "forked", None))
+        ]
         self._ticks = run.living([*recorders(run), *sides], 1)
         next(self._ticks)
 

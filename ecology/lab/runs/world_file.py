@@ -26,8 +26,8 @@ TYPE = "type"  # key of the name of a dataclass
 
 def write_world(folder: Path, scenario: Scenario) -> None:
     """Write the scenario of a run to its folder, as data."""
-    told = {"world": _encode(scenario), "measures": list(scenario.measures)}
-    replace_text(folder / WORLD, json.dumps(told, allow_nan=False) + "\n")
+    content = {"world": _encode(scenario), "measures": list(scenario.measures)}
+    replace_text(folder / WORLD, json.dumps(content, allow_nan=False) + "\n")
 
 
 def read_world(folder: Path) -> Scenario | None:
@@ -38,11 +38,11 @@ def read_world(folder: Path) -> Scenario | None:
     path = folder / WORLD
     try:
         with readable("the world of the run", path):
-            told = json.loads(path.read_text(encoding="utf-8"))
-        world = _decode(Scenario, told["world"])
+            content = json.loads(path.read_text(encoding="utf-8"))
+        world = _decode(Scenario, content["world"])
         if (rows := sum(s.slots for s in world.species) + sum(r.count for r in world.resources)) > MOST:
             raise ValueError(f"a world of {rows} agents and patches")
-        return dataclasses.replace(world, measures={str(name): _unknown for name in told["measures"]})
+        return dataclasses.replace(world, measures={str(name): _unknown for name in content["measures"]})
     except FileNotFoundError:
         return None
     except (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError) as error:

@@ -51,13 +51,13 @@ class DecisionTable(Panel):
 
     def _judge(self, decision: Decision, serial: int, tick: int) -> None:
         """When a new decision is made, compare the forecast of f for the previous option with the outcome."""
-        (before, _), told = self._last
+        (before, _), expected = self._last
         self._came = ("", ())
-        if told is not None and before == serial and told.after is not None and decision.zeta is not None:
-            forecast, layout = told.after[told.taken], self.scene.groups[self.name].layout
+        if expected is not None and before == serial and expected.after is not None and decision.zeta is not None:
+            forecast, layout = expected.after[expected.taken], self.scene.groups[self.name].layout
             shown = [i for i, kind in enumerate(layout.kinds) if kind in SHOWN]
             came = [(layout.names[i], float(forecast[i]), float(decision.zeta[i])) for i in shown]
-            self._came = (told.options[told.taken], came)
+            self._came = (expected.options[expected.taken], came)
         self._last = (serial, tick), decision
 
     def sample(self, watch: Watch) -> Any:
@@ -75,19 +75,19 @@ class DecisionTable(Panel):
         choices = [choice for some, _ in found for choice in some]
         if not choices:
             return
-        told = [choice.decision for choice in choices]
+        decisions = [choice.decision for choice in choices]
         numbers = {
-            key: np.concatenate([np.asarray(getattr(d, key), bool if key == "open" else float) for d in told])
+            key: np.concatenate([np.asarray(getattr(d, key), bool if key == "open" else float) for d in decisions])
             for key in NUMBERS
         }
-        each, text = [len(d.options) for d in told], [decision_text(choice) for choice in choices]
+        each, text = [len(d.options) for d in decisions], [decision_text(choice) for choice in choices]
         rec.send_columns(
             entity,
             time_columns(np.array([c.tick for c in choices]), np.array([c.time for c in choices])),
             [
                 *rr.TextDocument.columns(text=text, media_type=["text/markdown"] * len(text)),
                 *rr.AnyValues.columns(**{key: pa.array(value) for key, value in numbers.items()}).partition(each),
-                *rr.AnyValues.columns(taken=pa.array([d.taken for d in told])),
+                *rr.AnyValues.columns(taken=pa.array([d.taken for d in decisions])),
             ],
         )
 

@@ -52,5 +52,5 @@ class Drive(LifePanel):
         if len(words) == 1:
             return [plot(f"/{self.base}/drive", title)]
         # a narrow tab would cut off the colours: they stand below it
-        told = name_shades(short[1:], shades[1:]).replace("light blue", "blue")
-        return [rrb.Vertical(plot(f"/{self.base}/drive", told), name=title)]
+        legend = name_shades(short[1:], shades[1:]).replace("light blue", "blue")
+        return [rrb.Vertical(plot(f"/{self.base}/drive", legend), name=title)]

@@ -57,8 +57,8 @@ class Events(Panel):
         shades = colours.pack(np.array([MARKED.get(kind, FAINT) for kind in kinds], np.uint8))
         if name == "interventions":
             shades = np.full(len(rows), DEED, np.uint32)
-        told = [f"{tick:,}  {words}" for tick, words in zip(ticks, texts, strict=True)]
-        lines = rr.TextLog.columns(text=told, level=kinds, color=shades)
+        entries = [f"{tick:,}  {words}" for tick, words in zip(ticks, texts, strict=True)]
+        lines = rr.TextLog.columns(text=entries, level=kinds, color=shades)
         rec.send_columns(f"events/{name}", time_columns(np.array(ticks), np.array(nows)), lines)
 
     def views(self) -> list[rrb.View | rrb.Container]:

@@ -26,9 +26,9 @@ class Futures(Panel):
         """Note when the futures part, and what is changed in the fork."""
         self._began, self._change = tick, change
 
-    def compare(self, here: Watch, there: Watch) -> Any:
+    def compare(self, here: Watch, fork: Watch) -> Any:
         """Return the numbers of both futures, and a text with their differences."""
-        sides, groups = (here.state, there.state), self.scene.groups.values()
+        sides, groups = (here.state, fork.state), self.scene.groups.values()
         living = [int(state.alive[g.slots].sum()) for g in groups for state in sides]
         drives = [self._mean(state.own_drive[g.slots][state.alive[g.slots]]) for g in groups for state in sides]
         one, other = sides
@@ -38,7 +38,7 @@ class Futures(Panel):
             self._first = one.tick
         gap = plane_of(self.scene.scenario.arena).gap(one.position[both], other.position[both])
         apart = self._mean(np.hypot(*gap.T)) if both.any() else np.nan
-        text = self._text(here, there, living, drives, (acts, int(both.sum()), apart))
+        text = self._text(here, fork, living, drives, (acts, int(both.sum()), apart))
         return {"living": living, "drive": drives, "apart": apart, "text": text}
 
     @staticmethod
@@ -46,7 +46,7 @@ class Futures(Panel):
         return float(value.mean()) if value.size else np.nan
 
     def _text(
-        self, here: Watch, there: Watch, living: list[int], drives: list[float], differs: tuple[int, int, float]
+        self, here: Watch, fork: Watch, living: list[int], drives: list[float], differs: tuple[int, int, float]
     ) -> str:
         acts, both, apart = differs
         rows = [
@@ -60,7 +60,7 @@ class Futures(Panel):
             rows.append(f"| {name} alive | {living[2 * i]} | {living[2 * i + 1]} |")
             rows.append(f"| mean own drive of {name} | {_number(drives[2 * i])} | {_number(drives[2 * i + 1])} |")
         for name in self.scene.groups:
-            rows += self._focus_rows(name, here, there)
+            rows += self._focus_rows(name, here, fork)
         since = "" if self._first is None else f", first seen at tick {self._first:,}"
         rows += [
             "",
@@ -68,13 +68,13 @@ class Futures(Panel):
         ]
         return "\n".join(rows)
 
-    def _focus_rows(self, name: str, here: Watch, there: Watch) -> list[str]:
+    def _focus_rows(self, name: str, here: Watch, fork: Watch) -> list[str]:
         """Return the rows of a species' focus in both futures."""
         species = self.scene.scenario.species[self.scene.groups[name].index]
-        slots = [watch.focus.slots[name] for watch in (here, there)]
-        who = [watch.focus.name(name) for watch in (here, there)]
+        slots = [watch.focus.slots[name] for watch in (here, fork)]
+        who = [watch.focus.name(name) for watch in (here, fork)]
         rows = [f"| in focus | {who[0]} | {who[1]} |"]
-        states = (here.state, there.state)
+        states = (here.state, fork.state)
 
         def pair(what: str, values: list[str]) -> str:
             mark = "**" if values[0] != values[1] else ""

@@ -59,12 +59,12 @@ class Here(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the map with the agent, its plan and its forecast in it."""
-        there = ["walls", "resources", "resources/rim", f"here/{self.name}/**", f"agents/{self.name}"]
-        there += [f"plan/{self.name}", f"forecast/{self.name}"]
+        paths = ["walls", "resources", "resources/rim", f"here/{self.name}/**", f"agents/{self.name}"]
+        paths += [f"plan/{self.name}", f"forecast/{self.name}"]
         return [
             rrb.Spatial2DView(
                 origin="/",
-                contents=[f"+ /world/{each}" for each in there],
+                contents=[f"+ /world/{each}" for each in paths],
                 name="now",
                 background=BACKGROUND,
                 visual_bounds=bounds(self.scene, 0.19, 0.03),

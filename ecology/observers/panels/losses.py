@@ -26,7 +26,7 @@ class Reported(Panel):
     @property
     def words(self) -> list[str]:
         """Return the names of the numbers that are drawn."""
-        return losses(self.scene.told[self.name])[self.part == "numbers"]
+        return losses(self.scene.reported[self.name])[self.part == "numbers"]
 
     def is_there(self) -> bool:
         """Return whether there are any."""

@@ -73,11 +73,11 @@ class Maps(Panel):
         views: list[rrb.View | rrb.Container] = []
         for i in maps.mapped_needs(self.species):
             need = self.species.needs[i]
-            there = ["+ /world/walls", "+ /world/resources", "+ /world/resources/rim"]
+            paths = ["+ /world/walls", "+ /world/resources", "+ /world/resources/rim"]
             views.append(
                 rrb.Spatial2DView(
                     origin="/",
-                    contents=[*there, f"+ /world/maps/{self.name}/{need.name}/**"],
+                    contents=[*paths, f"+ /world/maps/{self.name}/{need.name}/**"],
                     name=need.name,
                     background=BACKGROUND,
                     visual_bounds=bounds(self.scene, 0.19, 0.03),

@@ -30,8 +30,8 @@ class Trails(Panel):
             rows = self.scene.groups[self.name].slots
             return np.where(state.alive[rows, None], state.position[rows], np.nan).astype(np.float32)
         slot = watch.focus.slots[self.name]
-        there = state.position[slot : slot + 1] if slot >= 0 else np.full((1, 2), np.nan)
-        return there.astype(np.float32)
+        place = state.position[slot : slot + 1] if slot >= 0 else np.full((1, 2), np.nan)
+        return place.astype(np.float32)
 
     def follow(self, watch: Watch) -> None:
         """Note a tick between two samples."""

@@ -86,8 +86,10 @@ def rises_from(lives: Mapping[float, Any]) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("addiction")
-    found = [Part(f"scripted-{hours:g}", told, 10.0, functools.partial(measure_scripted, hours)) for hours in SWEEP]
+    parameters = answers.parameters("addiction")
+    found = [
+        Part(f"scripted-{hours:g}", parameters, 10.0, functools.partial(measure_scripted, hours)) for hours in SWEEP
+    ]
     for hours in (1.0, 6.0):
         words = answers.parameters("addiction", hours=hours)
         found += [

@@ -90,13 +90,15 @@ def measure_learner(seed: int) -> dict[str, Any]:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("anticipation", dt=DT)
+    parameters = answers.parameters("anticipation", dt=DT)
     found = [
-        Part(f"scripted-{shivers:d}-{ethanol:d}", told, 2.0, functools.partial(day, bool(shivers), bool(ethanol)))
+        Part(f"scripted-{shivers:d}-{ethanol:d}", parameters, 2.0, functools.partial(day, bool(shivers), bool(ethanol)))
         for shivers, ethanol in ((0, 1), (1, 1), (1, 0))
     ]
-    told = answers.parameters("anticipation", dt=DT, gamma=GAMMA)
-    return found + [Part(f"seed-{s}", told, 20.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
+    parameters = answers.parameters("anticipation", dt=DT, gamma=GAMMA)
+    return found + [
+        Part(f"seed-{s}", parameters, 20.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)
+    ]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

@@ -156,13 +156,17 @@ def first_rest(env: Ecology, mind: Learner, hungry: float, most: int = 12) -> fl
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("choice")
-    found = [Part(f"gamble-{x:g}", told, 1.0, functools.partial(gamble, x)) for x in OTHER]
-    found += [Part(f"deprivation-{m2:g}", told, 1.0, functools.partial(preferences, 0.02, m2)) for m2 in (0.02, 0.04)]
-    found += [Part("dose", told, 1.0, meals)]
-    found += [Part(f"spread-{n:.3g}", told, 2.0, functools.partial(_measure_bounded_spread, n)) for n in POWERS]
-    told = answers.parameters("choice", ticks=LIVED)
-    return found + [Part(f"seed-{s}", told, 20.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
+    parameters = answers.parameters("choice")
+    found = [Part(f"gamble-{x:g}", parameters, 1.0, functools.partial(gamble, x)) for x in OTHER]
+    found += [
+        Part(f"deprivation-{m2:g}", parameters, 1.0, functools.partial(preferences, 0.02, m2)) for m2 in (0.02, 0.04)
+    ]
+    found += [Part("dose", parameters, 1.0, meals)]
+    found += [Part(f"spread-{n:.3g}", parameters, 2.0, functools.partial(_measure_bounded_spread, n)) for n in POWERS]
+    parameters = answers.parameters("choice", ticks=LIVED)
+    return found + [
+        Part(f"seed-{s}", parameters, 20.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)
+    ]
 
 
 def _measure_bounded_spread(exponent: float) -> list[float]:

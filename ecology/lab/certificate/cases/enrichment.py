@@ -74,9 +74,9 @@ def frequency(capacity: float, growth: float = GROWTH) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("enrichment", growth=GROWTH, scale=SCALE, dt=DT, ticks=TICKS)
+    parameters = answers.parameters("enrichment", growth=GROWTH, scale=SCALE, dt=DT, ticks=TICKS)
     return [
-        Part(f"scripted-{k:g}-{seed}", told, 8.0, functools.partial(measure_scripted, k, seed))
+        Part(f"scripted-{k:g}-{seed}", parameters, 8.0, functools.partial(measure_scripted, k, seed))
         for k in CAPACITIES
         for seed in range(SEEDS)
     ]

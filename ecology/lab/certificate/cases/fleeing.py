@@ -14,8 +14,8 @@ ORDER = 12
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("predator_prey", ticks=10_000)
-    return [Part(f"seed-{s}", told, 12.0, functools.partial(pays, s)) for s in range(SEEDS)]
+    parameters = answers.parameters("predator_prey", ticks=10_000)
+    return [Part(f"seed-{s}", parameters, 12.0, functools.partial(pays, s)) for s in range(SEEDS)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

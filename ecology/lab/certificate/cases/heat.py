@@ -98,8 +98,10 @@ def _parts() -> list[Part]:
         Part(f"ahead-{k}", answers.parameters("heat", ahead=k, load=LOAD), 1.0, functools.partial(measure_scripted, k))
         for k in AHEAD
     ]
-    told = answers.parameters("heat", ticks=TRAINED, gap=GAP)
-    return found + [Part(f"seed-{s}", told, 25.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
+    parameters = answers.parameters("heat", ticks=TRAINED, gap=GAP)
+    return found + [
+        Part(f"seed-{s}", parameters, 25.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)
+    ]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

@@ -54,15 +54,18 @@ def fit(rates: Mapping[float, float]) -> tuple[float, float]:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("hunting", handling=HANDLING, hunters=HUNTERS, ticks=TICKS)
+    parameters = answers.parameters("hunting", handling=HANDLING, hunters=HUNTERS, ticks=TICKS)
     found = []
     for seed in range(4):
         found += [
-            Part(f"scripted-{d:g}-{seed}", told, 3.0, functools.partial(measure_scripted, d, seed)) for d in DENSITIES
+            Part(f"scripted-{d:g}-{seed}", parameters, 3.0, functools.partial(measure_scripted, d, seed))
+            for d in DENSITIES
         ]
-    told = answers.parameters("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
+    parameters = answers.parameters("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
     for seed in range(answers.SEEDS):
-        found += [Part(f"learned-{d:g}-{seed}", told, 5.0, functools.partial(measure_learner, d, seed)) for d in AMONG]
+        found += [
+            Part(f"learned-{d:g}-{seed}", parameters, 5.0, functools.partial(measure_learner, d, seed)) for d in AMONG
+        ]
     return found
 
 

@@ -100,14 +100,14 @@ def _infer(env: Ecology, mind: Any, tick: Tick, ticks: int = 400) -> np.ndarray:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("inferred", noise=NOISE)
+    parameters = answers.parameters("inferred", noise=NOISE)
     found = [
-        Part(f"scripted-{name}", told, 10.0, functools.partial(measure_scripted, inferring))
+        Part(f"scripted-{name}", parameters, 10.0, functools.partial(measure_scripted, inferring))
         for name, inferring in (("told", False), ("signs", True))
     ]
-    told = answers.parameters("inferred", noise=NOISE, weight=WEIGHT, ticks=TRAINED)
+    parameters = answers.parameters("inferred", noise=NOISE, weight=WEIGHT, ticks=TRAINED)
     return found + [
-        Part(f"{kind}-seed-{s}", told, 15.0, functools.partial(measure_learner, kind, s))
+        Part(f"{kind}-seed-{s}", parameters, 15.0, functools.partial(measure_learner, kind, s))
         for s in range(answers.SEEDS)
         for kind in KINDS
     ]

@@ -68,16 +68,16 @@ def threshold(shares: Mapping[float, float]) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("kin", groups=GROUPS, generations=GENERATIONS)
+    parameters = answers.parameters("kin", groups=GROUPS, generations=GENERATIONS)
     found = [
-        Part(f"fixed-{cost:g}-{r:g}-{seed}", told, 1.5, functools.partial(evolve, r, cost, seed))
+        Part(f"fixed-{cost:g}-{r:g}-{seed}", parameters, 1.5, functools.partial(evolve, r, cost, seed))
         for cost in COSTS
         for r in (RELATED if cost else (0.0,))
         for seed in range(SEEDS)
     ]
-    told = answers.parameters("kin", groups=GROUPS, generations=LONGER)
+    parameters = answers.parameters("kin", groups=GROUPS, generations=LONGER)
     return found + [
-        Part(f"varied-{r:g}-{seed}", told, 4.0, functools.partial(evolve, r, 0.5, seed, True, LONGER))
+        Part(f"varied-{r:g}-{seed}", parameters, 4.0, functools.partial(evolve, r, 0.5, seed, True, LONGER))
         for r in VARIED
         for seed in range(SEEDS)
     ]

@@ -97,13 +97,13 @@ def gini(x: np.ndarray) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("laws")
+    parameters = answers.parameters("laws")
     found = []
     for name, of, seconds in (("competition", competition, 3.0), ("noise", noise, 1.0), ("growth", growth, 1.0),
                               ("fixation", fixation, 4.0)):  # fmt: skip
-        found += [Part(f"{name}-{seed}", told, seconds, functools.partial(of, seed)) for seed in range(SEEDS)]
-    told = answers.parameters("commons", n=AT_POOL, ticks=LIVED)
-    return found + [Part(f"learned-{s}", told, 6.0, functools.partial(commons, s)) for s in range(answers.SEEDS)]
+        found += [Part(f"{name}-{seed}", parameters, seconds, functools.partial(of, seed)) for seed in range(SEEDS)]
+    parameters = answers.parameters("commons", n=AT_POOL, ticks=LIVED)
+    return found + [Part(f"learned-{s}", parameters, 6.0, functools.partial(commons, s)) for s in range(answers.SEEDS)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

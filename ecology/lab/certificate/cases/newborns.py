@@ -16,9 +16,9 @@ ORDER = 14
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("predator_prey", ticks=10_000, arrival=ARRIVAL)
+    parameters = answers.parameters("predator_prey", ticks=10_000, arrival=ARRIVAL)
     return [
-        Part(f"{name}-seed-{s}", told, 150.0, functools.partial(newborns, s, name))
+        Part(f"{name}-seed-{s}", parameters, 150.0, functools.partial(newborns, s, name))
         for name in ("lean", "random")
         for s in range(SEEDS)
     ]

@@ -127,15 +127,17 @@ def measure_learner(seed: int) -> dict[str, float]:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("night")
-    found = [Part(f"sleep-{swing:g}", told, 2.0, functools.partial(sleeps, swing)) for swing in (0.0, SWING)]
+    parameters = answers.parameters("night")
+    found = [Part(f"sleep-{swing:g}", parameters, 2.0, functools.partial(sleeps, swing)) for swing in (0.0, SWING)]
     for start in STARTS:
         found += [
-            Part(f"budget-{start:g}-{meal}", told, 1.0, functools.partial(_survives, start, meal))
+            Part(f"budget-{start:g}-{meal}", parameters, 1.0, functools.partial(_survives, start, meal))
             for meal in ("steady", "patchy")
         ]
-    told = answers.parameters("night", ticks=LIVED)
-    return found + [Part(f"seed-{s}", told, 10.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)]
+    parameters = answers.parameters("night", ticks=LIVED)
+    return found + [
+        Part(f"seed-{s}", parameters, 10.0, functools.partial(measure_learner, s)) for s in range(answers.SEEDS)
+    ]
 
 
 def _survives(start: float, meal: str) -> list[float]:

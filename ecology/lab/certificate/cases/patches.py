@@ -120,16 +120,16 @@ def measure_learner(travel: float, seed: int) -> dict[str, float]:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("patches", rate=RATE)
-    found = [Part(f"scripted-{t}", told, 2.0, functools.partial(measure_scripted, t)) for t in TRAVELS]
+    parameters = answers.parameters("patches", rate=RATE)
+    found = [Part(f"scripted-{t}", parameters, 2.0, functools.partial(measure_scripted, t)) for t in TRAVELS]
     found += [
-        Part(f"fixed-20-{stay}", told, 1.0, functools.partial(_measure_fixed, 20, stay))
+        Part(f"fixed-20-{stay}", parameters, 1.0, functools.partial(_measure_fixed, 20, stay))
         for stay in (8, 15, 19, 23, 27, 34, 50)
     ]
-    told = answers.parameters("patches", rate=RATE, gamma=GAMMA, ticks=LIVED)
+    parameters = answers.parameters("patches", rate=RATE, gamma=GAMMA, ticks=LIVED)
     for t in ASKED:
         found += [
-            Part(f"learned-{t}-{seed}", told, 8.0, functools.partial(measure_learner, t, seed))
+            Part(f"learned-{t}-{seed}", parameters, 8.0, functools.partial(measure_learner, t, seed))
             for seed in range(answers.SEEDS)
         ]
     return found

@@ -55,8 +55,10 @@ def _scripted_parts() -> list[Part]:
     def trapped(policy: Policy) -> Callable[[], list[float]]:
         return lambda: scripted_lives(SET_UP, policy, 1, 10)[0]
 
-    told = {"lives": 10, "cap": CAP}
-    return [Part(f"scripted-{policy.__name__}", told, 25.0, trapped(policy)) for policy in (rests, forages, rescues)]
+    parameters = {"lives": 10, "cap": CAP}
+    return [
+        Part(f"scripted-{policy.__name__}", parameters, 25.0, trapped(policy)) for policy in (rests, forages, rescues)
+    ]
 
 
 def _scripted_rows(done: Mapping[str, Any]) -> list[Row]:

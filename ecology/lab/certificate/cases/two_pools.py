@@ -43,8 +43,8 @@ def measure_scripted(ratio: float, epsilon: float, seed: int = 0) -> dict[str, f
         asks = rng.random(AGENTS) < MOVES
         aim[random & asks] = rng.integers(0, 2, int((random & asks).sum()))
         for i in np.flatnonzero(asks & ~random):  # one after the other, so that they do not overshoot together
-            there = np.bincount(np.delete(aim, i)[~np.delete(random, i)], minlength=2)
-            aim[i] = int(np.argmax(flow / (there + 1)))
+            counts = np.bincount(np.delete(aim, i)[~np.delete(random, i)], minlength=2)
+            aim[i] = int(np.argmax(flow / (counts + 1)))
         go = np.where(aim == 0, names["go_to_left"], names["go_to_right"])
         eat = np.where(aim == 0, names["consume_left"], names["consume_right"])
         mask = tick.masks["agent"]
@@ -86,22 +86,24 @@ def slope_of(epsilon: float) -> float:
 
 
 def _parts() -> list[Part]:
-    told = answers.parameters("two_pools", ticks=TICKS, agents=AGENTS)
+    parameters = answers.parameters("two_pools", ticks=TICKS, agents=AGENTS)
     found = []
     for epsilon in (0.0, EPSILON):
         for seed in range(3):
             found += [
                 Part(
                     f"scripted-{epsilon:g}-{r:g}-{seed}",
-                    told,
+                    parameters,
                     2.0,
                     functools.partial(measure_scripted, r, epsilon, seed),
                 )
                 for r in RATIOS
             ]
-    told = answers.parameters("two_pools", ticks=LIVED, agents=LEARNERS)
+    parameters = answers.parameters("two_pools", ticks=LIVED, agents=LEARNERS)
     for seed in range(answers.SEEDS):
-        found += [Part(f"learned-{r:g}-{seed}", told, 5.0, functools.partial(measure_learner, r, seed)) for r in RATIOS]
+        found += [
+            Part(f"learned-{r:g}-{seed}", parameters, 5.0, functools.partial(measure_learner, r, seed)) for r in RATIOS
+        ]
     return found
 
 

@@ -105,19 +105,19 @@ def command(options: ArchipelagoOptions) -> None:
     with contextlib.ExitStack() as stack:
         if options.resume is not None:
             stack.enter_context(lock(options.resume))
-        it = _open(options)
-        make, count = _hosts(it, options.ray, options.gpus, options.memory)
+        run = _open(options)
+        make, count = _hosts(run, options.ray, options.gpus, options.memory)
         if options.resume is None:
-            it.folder.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(lock(it.folder))
+            run.folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(lock(run.folder))
         try:
-            summary = it.live(make, options.workers or count, _progress(quiet))
+            summary = run.live(make, options.workers or count, _progress(quiet))
         except StoppedError as stopped:
             if not quiet:
-                print(f"stopped by {stopped} at tick {it.now}; resume with: ecology archipelago --resume {it.folder}")
+                print(f"stopped by {stopped} at tick {run.now}; resume with: ecology archipelago --resume {run.folder}")
             raise
     if not quiet:
-        _print(it, summary)
+        _print(run, summary)
 
 
 def _check(options: ArchipelagoOptions) -> None:
@@ -157,7 +157,7 @@ def _open(options: ArchipelagoOptions) -> ArchipelagoRun:
 
 
 def _hosts(
-    it: ArchipelagoRun, ray: str | None, gpus: float | None, memory: float | None
+    run: ArchipelagoRun, ray: str | None, gpus: float | None, memory: float | None
 ) -> tuple[Callable[[Path], Handle], int]:
     """Return a function that starts a host, and the number of hosts to start."""
     from ecology.lab.islands.hosts import ProcessHost, RayHost
@@ -169,7 +169,7 @@ def _hosts(
             if value is not None:
                 raise EcologyError(f"{option} requires --ray; give --ray local to share out this machine, or drop it.")
         return ProcessHost, count_cpus()
-    share = cluster.gpus_per_run(ray, it.voyage.device, gpus, memory, per="worker")
+    share = cluster.gpus_per_run(ray, run.voyage.device, gpus, memory, per="worker")
     joined = cluster.join(ray)
     nodes = cluster.capacity(joined, {"CPU": 1.0, "GPU": share, "memory": (memory or 0.0) * 2**30})
     return lambda folder: RayHost(joined, folder.absolute(), gpus=share, memory=memory or 0.0), max(1, nodes)
@@ -188,11 +188,11 @@ def _progress(quiet: bool) -> Callable[[str], None]:
     return tell
 
 
-def _print(it: ArchipelagoRun, summary: dict[str, Any]) -> None:
+def _print(run: ArchipelagoRun, summary: dict[str, Any]) -> None:
     """Print a summary of the archipelago's run."""
     passed = f"{summary['migrated']:,} migrated, {summary['refused']:,} found no room"
-    if it.voyage.world.pool is not None:
-        passed = f"{summary['generations']:,} generations" + (f"; {passed}" if it.voyage.world.migrations else "")
+    if run.voyage.world.pool is not None:
+        passed = f"{summary['generations']:,} generations" + (f"; {passed}" if run.voyage.world.migrations else "")
     print(
         f"{summary['ticks']:,} ticks on {len(summary['islands'])} islands in {summary['wall_seconds']:,.1f} s, "
         f"{summary['agent_steps_per_second']:,.0f} agent-steps per second, {summary['exchange_share']:.1%} of the time "
@@ -200,9 +200,9 @@ def _print(it: ArchipelagoRun, summary: dict[str, Any]) -> None:
     )
     for i, island in enumerate(summary["islands"]):
         if i == 8:
-            print(f"... and {len(summary['islands']) - i} more, see {it.folder / 'summary.json'}")
+            print(f"... and {len(summary['islands']) - i} more, see {run.folder / 'summary.json'}")
             break
         alive = ", ".join(f"{of['end']} {name}" for name, of in island["population"].items())
         print(f"island {i}: {alive}; mean drive {format_number(island['mean_drive'])}")
-    if it.voyage.record:
-        print(f"next: ecology view {it.folder}   or   ecology view {it.voyage.folder_of(it.folder, 0)}")
+    if run.voyage.record:
+        print(f"next: ecology view {run.folder}   or   ecology view {run.voyage.folder_of(run.folder, 0)}")

@@ -73,12 +73,12 @@ def command(options: EvaluateOptions) -> None:
     from ecology.observers import recorder
 
     run, species, quiet = options.run, options.species, options.quiet
-    it = open_run(run, device=options.device, choice=options.source, trust=options.trust, say=say(quiet))
-    if species is not None and species not in it.learners:
-        raise EcologyError(f"the run has no species {species!r}. {nearest(species, it.learners)}")
-    learner = it.learners[species or next(iter(it.learners))]
-    world, where = _world_to_measure_in(it, learner.group.name, options.in_, options.set_ or ())
-    seed = it.plan.seed + EVALUATION_SEED if options.seed is None else options.seed
+    loaded = open_run(run, device=options.device, choice=options.source, trust=options.trust, say=say(quiet))
+    if species is not None and species not in loaded.learners:
+        raise EcologyError(f"the run has no species {species!r}. {nearest(species, loaded.learners)}")
+    learner = loaded.learners[species or next(iter(loaded.learners))]
+    world, where = _world_to_measure_in(loaded, learner.group.name, options.in_, options.set_ or ())
+    seed = loaded.plan.seed + EVALUATION_SEED if options.seed is None else options.seed
     measured: dict[str, Any] = {
         "device": options.device,
         "seed": seed,
@@ -89,7 +89,7 @@ def command(options: EvaluateOptions) -> None:
         words: dict[str, Any] = {"scenario": world.name, "settings": dict(world.settings)}
         check_evaluation(where, {**words, "species": learner.group.name, **measured})
     check_links(run)
-    it.restore()
+    loaded.restore()
     metrics = run / METRICS
     for folder in (where, where / FIGURES):  # what cannot be kept, or is damaged, is told before the long part
         check_writable(folder)
@@ -106,9 +106,9 @@ def command(options: EvaluateOptions) -> None:
                 console.print(words, highlight=False)
 
         trained = evaluation.Trained(
-            name=it.plan.learners[learner.group.name].name,
-            home=None if world is it.scenario else it.scenario,
-            lived=evaluation.Lived(*it.totals.drives(learner.group.name)),
+            name=loaded.plan.learners[learner.group.name].name,
+            home=None if world is loaded.scenario else loaded.scenario,
+            lived=evaluation.Lived(*loaded.totals.drives(learner.group.name)),
         )
         extent = evaluation.Extent(**measured, skip=min(SKIPPED, options.ticks // 10))
         findings = evaluation.evaluate(world, learner, extent, trained, tell=tell)
@@ -121,7 +121,7 @@ def command(options: EvaluateOptions) -> None:
         print(f"written: {where / EVALUATION} and {len(drawn)} figures in {where / FIGURES}")
 
 
-def _world_to_measure_in(it: Run, species: str, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
+def _world_to_measure_in(run: Run, species: str, scenario: str | None, changes: Sequence[str]) -> tuple[Scenario, Path]:
     """Return the world to measure the learner of a species in, and the folder for what is found.
 
     That is the run's own for its first species in its own world, and else one within it, named for what is another.
@@ -129,16 +129,16 @@ def _world_to_measure_in(it: Run, species: str, scenario: str | None, changes: S
     from ecology import scenarios
     from ecology.lab.runs.source import locate
 
-    words = [] if species == next(iter(it.learners)) else ["of", species]
-    world = it.scenario
+    words = [] if species == next(iter(run.learners)) else ["of", species]
+    world = run.scenario
     if scenario is not None or changes:
-        own = {} if scenario is not None else it.plan.settings
-        scenario = scenario or it.plan.scenario
+        own = {} if scenario is not None else run.plan.settings
+        scenario = scenario or run.plan.scenario
         world = scenarios.load(
-            locate(scenario, it.plan.copies), **{**own, **read_pairs("--set", changes, read_setting)}
+            locate(scenario, run.plan.copies), **{**own, **read_pairs("--set", changes, read_setting)}
         )
         words += ["in", Path(scenario).stem, *changes]
-    return world, it.folder / re.sub(r"[^\w=.-]+", "_", "-".join(words))
+    return world, run.folder / re.sub(r"[^\w=.-]+", "_", "-".join(words))
 
 
 def _say_findings(report: Mapping[str, Any]) -> None:

@@ -73,7 +73,7 @@ def command(options: ForkOptions) -> None:
     run, at, quiet = options.run, options.at, options.quiet
     with contextlib.ExitStack() as stack:
         stack.enter_context(lock(run))
-        it = open_run(run, device=options.device, choice=options.source, trust=options.trust, say=say(quiet))
+        parent = open_run(run, device=options.device, choice=options.source, trust=options.trust, say=say(quiet))
         change = forks.Change(
             settings=read_pairs("--set", options.set_, read_setting),
             remove=options.remove or (),
@@ -81,11 +81,11 @@ def command(options: ForkOptions) -> None:
             do=options.do or (),
         )
         forked = forks.fork(
-            it,
+            parent,
             at,
             options.out or run.absolute().with_name(f"{run.absolute().name}-at-{at}"),
             change,
-            observers=[] if quiet else [Progress(it.totals, at)],
+            observers=[] if quiet else [Progress(parent.totals, at)],
             ticks=options.ticks,
             device=options.device,
             record=options.record,

@@ -107,10 +107,10 @@ def _measure_minds(
         over += 1
         if fault:
             failed.append(f"seed {job.seed}: {fault}")
-        told = fault or minds.line(job)
+        text = fault or minds.line(job)
         more = len(waiting) - over
         then = _long((time.monotonic() - began) / over * more) + " left" if more else "done"
-        console.print(f"{over} of {len(waiting)}  seed {job.seed}: {told}; {then}", highlight=False, soft_wrap=True)
+        console.print(f"{over} of {len(waiting)}  seed {job.seed}: {text}; {then}", highlight=False, soft_wrap=True)
 
     try:
         sweeps.schedule(waiting, minds.work, lambda: workers, tell)

@@ -101,20 +101,20 @@ def command(options: RunOptions) -> None:
     with contextlib.ExitStack() as stack:
         if resume is not None:
             stack.enter_context(lock(resume))
-            it = _reopen(resume, options)
+            run = _reopen(resume, options)
         else:
-            it = _new_run(options)
+            run = _new_run(options)
         if options.replay is not None:
-            it.schedule.read(options.replay)
+            run.schedule.read(options.replay)
         watching = Watching(
             view=options.view, serve=options.serve, port=options.port, connect=options.connect,
             focus=options.focus or (), paused=options.paused, pace=options.pace, patient=not options.no_wait,
         )  # fmt: skip
-        observers = make_observers(it, watching, resume=resume is not None)
+        observers = make_observers(run, watching, resume=resume is not None)
         if resume is None:
-            it.start()
-            stack.enter_context(lock(it.folder))
-        run_and_report(it, observers, quiet=quiet)
+            run.start()
+            stack.enter_context(lock(run.folder))
+        run_and_report(run, observers, quiet=quiet)
 
 
 def _check(options: RunOptions) -> None:
@@ -142,14 +142,14 @@ def _reopen(resume: Path, options: RunOptions) -> Run:
     """Return the run in the folder `resume` as its checkpoint left it."""
     from ecology.lab.runs.run import open_run
 
-    it = open_run(resume, options.ticks, options.device, options.source, trust=options.trust, say=say(options.quiet))
-    if it.plan.island:
+    run = open_run(resume, options.ticks, options.device, options.source, trust=options.trust, say=say(options.quiet))
+    if run.plan.island:
         raise EcologyError(
             f"{str(resume)!r} is an island of an archipelago, which is resumed as a whole with: "
             f"ecology archipelago --resume {resume.parent.parent}"
         )
-    it.resume(previous=options.previous)
-    return it
+    run.resume(previous=options.previous)
+    return run
 
 
 def _new_run(options: RunOptions) -> Run:

@@ -194,9 +194,9 @@ def _live(sweep: Sweep, waiting: Sequence[Cell], attempt: Attempt, workers: Call
             outcomes.append(outcome)
             said = outcome.failed
             if outcome.summary is not None:
-                told = sweeps.rows_of([outcome])[0]
+                row = sweeps.rows_of([outcome])[0]
                 columns = sweeps.columns_of([outcome], show)
-                said = ", ".join(f"{sweeps.label(column)} {format_number(told.get(column))}" for column in columns)
+                said = ", ".join(f"{sweeps.label(column)} {format_number(row.get(column))}" for column in columns)
             console.print(f"{outcome.cell.name}: {said}", highlight=False)
             advance(f"{running} under way")
 
