@@ -201,8 +201,9 @@ def dicts_and_arrays_agree(scenario: Scenario, ticks: int) -> None:
                     ("drive", infos[name]["drive"], tick.drive[slot]),
                 ):
                     _same(one, other, f"tick {t}: the {word} of {name} in dicts and in arrays")
+    in_arrays = of_arrays.state_view.arrays()
     for field, values in of_dicts.state_view.arrays().items():
-        _same(values, of_arrays.state_view.arrays()[field], f"{field} of the state in dicts and in arrays")
+        _same(values, in_arrays[field], f"{field} of the state in dicts and in arrays")
 
 
 def a_horizon_truncates_everyone(scenario: Scenario, ticks: int) -> None:
@@ -277,9 +278,10 @@ def a_snapshot_lives_on(scenario: Scenario, ticks: int) -> None:
             other = again
         actions = choose(env, tick, rng, open_only=rng.random() < 0.7)
         tick, twin = env.step_arrays(actions), other.step_arrays(actions)
+        then = other.state_view.arrays()
         for field, mine in env.state_view.arrays().items():
             require(
-                np.array_equal(mine, other.state_view.arrays()[field], equal_nan=True),
+                np.array_equal(mine, then[field], equal_nan=True),
                 f"tick {t + 1}: {field} is another in a world that was left and entered at tick "
                 f"{max(left for left in leaves if left <= t)}; does a rule keep something from tick to tick?",
             )

@@ -73,7 +73,7 @@ def recall(where: Mapping[str, Slot], memory: Floats | None) -> dict[str, np.nda
     if memory is None:
         return {}
     view = memory.view()
-    view.flags.writeable = False
+    view.setflags(write=False)
     return {name: view[slot.rows].reshape(slot.shape) for name, slot in where.items()}
 
 

@@ -120,7 +120,7 @@ class State:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 value = value.view()
-                value.flags.writeable = False
+                value.setflags(write=False)
             vars(view)[name] = value
         return view
 

@@ -88,7 +88,7 @@ def test_every_species_has_an_evaluation_of_its_own(ecology: Command, quick_eval
 
 
 def test_an_evaluation_is_there_when_it_is_whole(
-    short: Command, ecology: Command, monkeypatch: pytest.MonkeyPatch
+    short: Command, ecology: Command, monkeypatch: pytest.MonkeyPatch, quick_evaluation: None
 ) -> None:
     """evaluation.json is written last, names the learner as the plan does, and not where anything fails."""
     from ecology.agents import figures

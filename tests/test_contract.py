@@ -11,7 +11,7 @@ import ecology
 from ecology import Ecology, EcologyError, appearing, contract, life, resources, scenarios, senses
 from ecology.physics import Physics
 
-AGENT_TICKS = 2000  # of each life, but from 25 to 120 ticks; `ecology check` lives longer
+AGENT_TICKS = 1000  # of each life, but from 20 to 60 ticks; `ecology check` lives longer
 CROWDS = {
     "everything": everything(),
     "everything without walls": everything(walls=False),
@@ -37,7 +37,7 @@ def test_the_contract_is_kept(name, holds):
     """Every scenario, and a world in which everything happens, passes every check."""
     scenario = load(name)
     size = sum(species.slots for species in scenario.species)
-    contract.CHECKS[holds](scenario, max(25, min(120, AGENT_TICKS // size)))
+    contract.CHECKS[holds](scenario, max(20, min(60, AGENT_TICKS // size)))
 
 
 @pytest.mark.parametrize("name", scenarios.names())

@@ -24,7 +24,7 @@ def build(decay=DECAY, ticks=5):
 
 def sweep(folder: Path, **variables: str) -> list[float]:
     """Return the decays in the table of `ecology sweep world.py`, run in a folder."""
-    words = ("sweep", "world.py", "--seeds", "0:2", "--out", "out", "--quiet")
+    words = ("sweep", "world.py", "--seeds", "0", "--out", "out", "--quiet")
     done = subprocess.run(
         [sys.executable, "-P", "-m", "ecology", *words],
         cwd=folder, env=os.environ | variables, capture_output=True, text=True, check=False,
@@ -40,7 +40,7 @@ def test_a_folder_may_hold_modules_of_the_projects_names(tmp_path: Path) -> None
     for name in ("ecology", "scenarios"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise ImportError('a module of the user')")
-    assert sweep(tmp_path) == [0.07, 0.07]
+    assert sweep(tmp_path) == [0.07]
 
 
 def test_another_package_may_be_installed_under_a_generic_name(tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ def test_another_package_may_be_installed_under_a_generic_name(tmp_path: Path) -
     home.mkdir()
     (site / "agents" / "__init__.py").write_text("DECAY = 0.09")
     (home / "world.py").write_text(WORLD)
-    assert sweep(home, PYTHONPATH=str(site)) == [0.09, 0.09]
+    assert sweep(home, PYTHONPATH=str(site)) == [0.09]
 
 
 def test_every_process_of_our_own_is_started_away_from_the_present_folder() -> None:

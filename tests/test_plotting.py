@@ -12,7 +12,10 @@ import pytest
 NOTEBOOK = "module://matplotlib_inline.backend_inline"  # what a notebook sets for the commands that it starts
 COMMANDS = """
 import sys
+from ecology.agents import evaluation
 from ecology.lab.cli import main
+evaluation.BASELINES, evaluation.LONGEST = ("rest",), 10
+evaluation.horizon = lambda *_: 10
 for words in (
     "run paper --ticks 20 --learner random --quiet --out r",
     "evaluate r --ticks 20 --places 1 --quiet",

@@ -106,7 +106,9 @@ def test_a_run_keeps_the_files_that_it_was_started_from(ecology: Command, tmp_pa
     }
 
 
-def test_a_run_whose_files_moved_resumes_from_its_copies(ecology: Command, tmp_path: Path) -> None:
+def test_a_run_whose_files_moved_resumes_from_its_copies(
+    ecology: Command, tmp_path: Path, quick_evaluation: None
+) -> None:
     """The error says where the file was and what to do; resumed from the copies, the run equals one never stopped."""
     start(ecology, "whole", 40)
     start(ecology, "part", 20, "--record", "every=1")

@@ -14,8 +14,8 @@ from ecology import move, rest, scenarios
 PREY, GROWTH, MORTALITY = 500, 0.03, 0.015  # at rest: 500 prey and 1000 predators
 CULLING = 0.005
 BETA = MORTALITY / PREY
-SEEDS, PERIODS = 4, 3
-# margins of means over SEEDS lives, more than five standard errors: in the lives of seeds 0 to 3 mean numbers spread by
+SEEDS, PERIODS = 2, 3
+# margins of means over SEEDS lives, some four standard errors: in the lives of seeds 0 to 3 mean numbers spread by
 # less than 1.7 %, and the rate at which a life turns by less than 8.6 %
 OFF, OFF_RATE = 0.05, 0.25
 DENSITIES = ((100, 400), (400, 100), (200, 200), (400, 400))  # prey and predators, in a world whose reach is 1
