@@ -51,11 +51,11 @@ def loads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]
 
 
 def test_a_command_runs_a_scenario_file_once_per_process(loads: Callable[..., int], quick_evaluation: None) -> None:
-    """`run`, `evaluate` and `fork` are one process; a sweep is one more than its runs."""
+    """`run`, `evaluate` and `fork` are one process; a sweep of one run is two."""
     assert loads("run", "world.py", "--out", "run", "--no-record") == 1
     assert loads("evaluate", "run", "--ticks", "20", "--places", "1") == 1
     assert loads("fork", "run", "--at", "10", "--out", "forked") == 1
-    assert loads("sweep", "world.py", "--seeds", "0:2", "--out", "sweep") == 3
+    assert loads("sweep", "world.py", "--seeds", "0", "--out", "sweep") == 2
 
 
 def test_a_file_is_run_again_after_it_has_changed(tmp_path: Path) -> None:
