@@ -3,6 +3,7 @@
 import sys
 
 import gymnasium
+import numpy as np
 import pytest
 
 import ecology
@@ -300,6 +301,56 @@ def test_benchmarl(tmp_path, monkeypatch):
     experiment.run()
     assert experiment.total_frames == EPISODES * HORIZON
     assert has_learned(before, weights(experiment.policy))
+
+
+@pytest.mark.filterwarnings("ignore")  # Tianshou's own
+def test_tianshou():
+    """DQN of Tianshou learns, agent by agent, and asks for open actions only."""
+    library("tianshou", "tianshou")
+    import torch
+    from pettingzoo.utils.conversions import parallel_to_aec
+    from tianshou.algorithm import DQN
+    from tianshou.algorithm.modelfree.dqn import DiscreteQLearningPolicy
+    from tianshou.algorithm.multiagent.marl import MultiAgentOffPolicyAlgorithm
+    from tianshou.algorithm.optim import AdamOptimizerFactory
+    from tianshou.data import Collector, VectorReplayBuffer
+    from tianshou.env import DummyVectorEnv, PettingZooEnv
+    from tianshou.trainer import OffPolicyTrainerParams
+    from tianshou.utils.net.common import Net
+
+    torch.manual_seed(0)
+    np.random.seed(0)  # noqa: NPY002  (Tianshou explores by it)
+    world = slots(pad=True, names=False)
+    env = PettingZooEnv(parallel_to_aec(world))
+    zeta = env.observation_space["observation"]
+
+    def learner():
+        """Return a learner for one slot."""
+        model = Net(state_shape=zeta.shape, action_shape=env.action_space.n, hidden_sizes=[32])
+        policy = DiscreteQLearningPolicy(
+            model=model, action_space=env.action_space, observation_space=zeta, eps_training=0.1
+        )
+        return DQN(policy=policy, optim=AdamOptimizerFactory(lr=1e-3), target_update_freq=10)
+
+    algorithm = MultiAgentOffPolicyAlgorithm(algorithms=[learner() for _ in env.agents], env=env)
+    before = weights(algorithm.policy)
+    vector = DummyVectorEnv([lambda: env])
+    collector = Collector(algorithm, vector, VectorReplayBuffer(5000, 1), exploration_noise=True)
+    algorithm.run_training(
+        OffPolicyTrainerParams(
+            training_collector=collector,
+            max_epochs=1,
+            epoch_num_steps=20 * len(env.agents),
+            collection_step_num_env_steps=10 * len(env.agents),
+            update_step_num_gradient_steps_per_sample=0.02,
+            multi_agent_return_reduction=lambda returns: returns.mean(axis=1),
+            verbose=False,
+            show_progress=False,
+        )
+    )
+    assert world.env.state_view.tick >= 20
+    assert not world.env.state_view.closed.any()
+    assert has_learned(before, weights(algorithm.policy))
 
 
 @pytest.mark.filterwarnings("ignore")  # skrl's own
