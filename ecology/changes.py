@@ -52,7 +52,7 @@ def rename(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
         new = np.flatnonzero(alive & (state.serial < 0))
         require(
             not new.size or model.grows,
-            f"put: nobody can live in the slots {new.tolist()}; a world without births has names only for the agents "
+            f"set_state: nobody can live in the slots {new.tolist()}; a world without births has names only for the agents "
             "that start in it. Raise the count of their species.",
         )
         changed["serial"] = state.serial.copy()
@@ -215,7 +215,7 @@ def _names(changed: Mapping[str, np.ndarray], state: State, model: Model, alive:
         _hold("cause", cause, fits, "0 where alive and above 0 where dead")
 
 
-def _hold(name: str, value: np.ndarray, good: np.ndarray, rule: str, where: str = "put") -> None:
+def _hold(name: str, value: np.ndarray, good: np.ndarray, rule: str, where: str = "set_state") -> None:
     """Raise EcologyError that names the first row of `value` that is not `good` and the `rule` that it breaks."""
     rows = good.reshape(len(good), -1).all(axis=1) if len(good) else good
     if not rows.all():
