@@ -52,8 +52,8 @@ def rename(changed: dict[str, np.ndarray], state: State, model: Model) -> None:
         new = np.flatnonzero(alive & (state.serial < 0))
         require(
             not new.size or model.grows,
-            f"set_state: nobody can live in the slots {new.tolist()}; a world without births has names only for the agents "
-            "that start in it. Raise the count of their species.",
+            f"set_state: nobody can live in the slots {new.tolist()}; a world without births has names only for the "
+            "agents that start in it. Raise the count of their species.",
         )
         changed["serial"] = state.serial.copy()
         changed["serial"][new] = model.serials(state, len(new))
