@@ -476,6 +476,7 @@ def test_a_fork_and_an_evaluation_compute_where_they_are_told(
 ) -> None:
     """`--device` of fork and evaluate is where their learners are, and what they write says so; the CPU by default."""
     asked: list[str] = []
+    monkeypatch.setattr("ecology.agents.figures.draw_evaluation", lambda *_: [])
 
     def make(name: str, encoding: Encoding, n: int) -> Device:
         asked.append(name)
