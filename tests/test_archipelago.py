@@ -6,12 +6,14 @@ import dataclasses
 import hashlib
 import json
 import re
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import hearing
 from safetensors.numpy import load_file
 
 import ecology
@@ -171,14 +173,12 @@ def test_a_host_that_always_ends_is_an_error(isles: str, tmp_path: Path) -> None
 
 
 def test_a_signal_stops_all_islands_together(isles: str, tmp_path: Path, whole: tuple[Path, list[str]]) -> None:
-    """What is resumed after it ends as what was never stopped."""
+    """What is resumed after it, that of a closed terminal where there is one, ends as what was never stopped."""
+    signum = getattr(signal, "SIGHUP", signal.SIGTERM)
     it = runs.start(isles, {}, tmp_path / "out", record=False)
-
-    def say(words: str) -> None:
-        it._stop = 15
-
-    with pytest.raises(StoppedError):
-        it.live(Here, 1, say)
+    with hearing(signum), pytest.raises(StoppedError):
+        it.live(ProcessHost, 1, lambda words: signal.raise_signal(signum))
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["stopped_by"] == signum.name
     assert runs.common_tick(tmp_path / "out") == 20
     runs.resume(tmp_path / "out", None, Gate()).live(Here, 1)
     assert digest(tmp_path / "out") == whole[1]

@@ -19,7 +19,7 @@ from ecology.errors import nearest
 from ecology.lab.runs import source
 from ecology.lab.runs.folder import check_files
 from ecology.lab.runs.gate import Gate
-from ecology.lab.runs.run_config import RECORD_EVERY, Plan, resolve
+from ecology.lab.runs.run_config import RECORD_EVERY, Plan, resolve, toml_value
 
 CONFIG = "archipelago.toml"  # in the folder of its run
 ISLANDS = "islands"  # folder of the islands' runs
@@ -125,20 +125,13 @@ class Voyage:
         """Return the text of archipelago.toml."""
         words = {key: getattr(self, key) for key in PLAIN} | {"settings": dict(self.settings)}
         words |= {"forked": dict(self.forked)} if self.forked else {}
-        return tomli_w.dumps({key: _plain(value) for key, value in words.items()})
+        return tomli_w.dumps(toml_value(words, ""))
 
 
 PLAIN = {
     "archipelago": str, "ticks": int, "seed": int, "device": str, "record": bool, "record_every": int,
     "snapshot_every": int, "keep_every": int,
 }  # fmt: skip
-
-
-def _plain(value: Any) -> Any:
-    """Return a value in a form that TOML can hold."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items() if each is not None}
-    return [_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def resolve_voyage(name: str, changes: Mapping[str, Any], **flags: Any) -> Voyage:

@@ -7,9 +7,8 @@ import dataclasses
 import json
 import shutil
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +33,7 @@ from ecology.lab.islands.plan import (
 from ecology.lab.runs import source
 from ecology.lab.runs.folder import KEPT, RECORDING, SUMMARY, check_links, replace_text, write_json
 from ecology.lab.runs.gate import Gate
-from ecology.lab.runs.stopping import StoppedError
+from ecology.lab.runs.stopping import Interrupt
 
 if TYPE_CHECKING:
     from ecology.observers.overview import Overview
@@ -56,7 +55,7 @@ class ArchipelagoRun:
         self.fleet: Fleet | None = None
         self._overview: Overview | None = None
         self._ledger: list[str] = []  # lines since the last common snapshot
-        self._stop = 0  # signal that came
+        self._interrupt = Interrupt()
         self.migrated, self.refused, self.generations = 0, 0, 0
         self.seconds = dict.fromkeys(("islands", "exchange", "snapshots"), 0.0)  # by the clock of this run
         self.steps = 0  # of agents, lived in this run
@@ -101,14 +100,15 @@ class ArchipelagoRun:
         began = time.perf_counter()
         with writable(self.folder), contextlib.ExitStack() as at_end:
             at_end.callback(fleet.close)
-            at_end.enter_context(self._listening())
+            at_end.callback(self._interrupt.end)
+            self._interrupt.listen()
             if self.voyage.record:
                 at_end.callback(self._show_from().close)
             fleet.open()
             if self._common is None:
                 self._snapshot()
             self._watch(fleet.call("census", self._all()))
-            while self.now < self.voyage.ticks and not self._stop:
+            while self.now < self.voyage.ticks and not self._interrupt.signum:
                 self._stretch()
                 say(f"tick {self.now:,} of {self.voyage.ticks:,}")
             if self._common != self.now:
@@ -116,8 +116,7 @@ class ArchipelagoRun:
             summaries = fleet.call("close", self._all())
             summary = self._summary(summaries, time.perf_counter() - began)
             write_json(self.folder / SUMMARY, summary)
-        if self._stop:
-            raise StoppedError(self._stop)
+        self._interrupt.check()
         return summary
 
     def _opening(self, number: int) -> Opening:
@@ -128,19 +127,6 @@ class ArchipelagoRun:
         origin = self.voyage.folder_of(Path(forked["run"]), number)
         record = {**forked, "run": str(origin), "remove": [], "move": {}}
         return "fork", origin, forked["at"], record
-
-    @contextlib.contextmanager
-    def _listening(self) -> Iterator[None]:
-        """Stop at the next stop of the islands when a signal comes."""
-
-        def hear(signum: int, _: object) -> None:
-            self._stop = signum
-
-        with contextlib.ExitStack() as at_end:
-            if threading.current_thread() is threading.main_thread():
-                for signum in (signal.SIGINT, signal.SIGTERM):
-                    at_end.callback(signal.signal, signum, signal.signal(signum, hear))
-            yield
 
     def _show_from(self) -> Overview:
         from ecology.observers.overview import Overview  # slow to load
@@ -278,7 +264,7 @@ class ArchipelagoRun:
             "archipelago": self.voyage.archipelago,
             "seed": self.voyage.seed,
             "ticks": self.now,
-            **({"stopped_by": signal.Signals(self._stop).name} if self._stop else {}),
+            **({"stopped_by": signal.Signals(signum).name} if (signum := self._interrupt.signum) else {}),
             **self._counts(),
             "hosts_lost": self.fleet.lost,
             "wall_seconds": round(wall, 3),

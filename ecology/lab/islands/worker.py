@@ -29,5 +29,7 @@ def serve(line: Connection, host: Host) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("SIGINT", "SIGHUP"):  # of the terminal, which the archipelago hears too; Windows has no SIGHUP
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     serve(Connection(int(sys.argv[1])), Host(sys.argv[2]))

@@ -99,7 +99,9 @@ class Plan:
             "ecology fork, as [forked] says" if self.forked else "ecology run --config config.toml --out ANOTHER_FOLDER"
         )
         head = f"# Repeat this run with: {again}\n"
-        return head + "# [made_with] says what it was made with and is not read.\n" + tomli_w.dumps(_toml(words, ""))
+        return (
+            head + "# [made_with] says what it was made with and is not read.\n" + tomli_w.dumps(toml_value(words, ""))
+        )
 
 
 PLAIN = {  # keys of config.toml that are not tables, and what they are
@@ -361,12 +363,12 @@ def versions() -> Mapping[str, str]:
     return MappingProxyType(found)
 
 
-def _toml(value: Any, where: str) -> Any:
+def toml_value(value: Any, where: str) -> Any:
     """Return what TOML holds in the place of `value`; None is left out."""
     if isinstance(value, Mapping):
-        return {str(k): _toml(v, f"{where}.{k}".lstrip(".")) for k, v in value.items() if v is not None}
+        return {str(k): toml_value(v, f"{where}.{k}".lstrip(".")) for k, v in value.items() if v is not None}
     if isinstance(value, (list, tuple)):
-        return [_toml(v, where) for v in value]
+        return [toml_value(v, where) for v in value]
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, (str, bool, int, float)):

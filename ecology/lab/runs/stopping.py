@@ -25,11 +25,15 @@ class Interrupt:
     """Turn SIGINT, SIGTERM and SIGHUP into a stop after the present tick; an observer, the last one."""
 
     def __init__(self) -> None:
-        self._signum = 0
+        self.signum = 0  # of the signal that came
         self._before: dict[int, Any] = {}
 
     def begin(self, env: Ecology, minds: Mapping[str, Mind]) -> None:
-        """Listen to the signals; only the main thread can."""
+        """Listen to the signals."""
+        self.listen()
+
+    def listen(self) -> None:
+        """Listen to the signals until `end`; only the main thread can."""
         with contextlib.suppress(ValueError):
             for name in ("SIGINT", "SIGTERM", "SIGHUP"):
                 signum = getattr(signal, name, None)  # Windows has no SIGHUP, nohup ignores it
@@ -38,11 +42,11 @@ class Interrupt:
 
     def check(self) -> None:
         """Stop the run where a signal has come."""
-        if self._signum:
-            raise StoppedError(self._signum)
+        if self.signum:
+            raise StoppedError(self.signum)
 
     def _heard(self, signum: int, frame: FrameType | None) -> None:
-        self._signum = signum
+        self.signum = signum
 
     def watch(self, state: State, tick: Tick, minds: Mapping[str, Mind]) -> None:
         """Stop the run where a signal has come."""
