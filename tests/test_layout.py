@@ -111,6 +111,13 @@ def test_an_axis_has_two_labels(low: float, high: float, tall: float) -> None:
     assert most - least <= 25 * max(high - low, abs(high), 1e-9)
 
 
+def test_a_label_just_beyond_the_data_is_whole() -> None:
+    """A plot that ends a few points below its next label reaches beyond it; one with room to spare does not."""
+    assert labelled(0, 4.5, 150)[1] > 5.2
+    assert labelled(-4.5, 0, 150)[0] < -5.2
+    assert labelled(0, 1.3, 150)[1] < 1.5
+
+
 def test_a_resource_that_is_everywhere_is_drawn_on_the_floor(tmp_path: Path) -> None:
     """A circle that holds the whole arena has no outline, and the legend says so; others have names beside them."""
     for name, everywhere in (("laws", ["pool"]), ("colony", ["food"]), ("commons", []), ("paper", [])):
