@@ -77,6 +77,6 @@ class Coupling(Panel):
         """Return the matrix: rows feel, columns are felt."""
         entity = f"/population/coupling/{self.name}"
         name = f"{self.name}: who (row) feels whom (column)"
-        around = rrb.VisualBounds2D(x_range=[-0.85, WIDE[0] + 0.1], y_range=[-0.36, WIDE[1] + 0.45])
+        around = rrb.VisualBounds2D(x_range=[-0.85, WIDE[0] + 0.1], y_range=[-0.36, WIDE[1] + 0.52])
         shown = [f"+ {entity}/image", f"+ {entity}/names"]
         return [rrb.Spatial2DView(origin=entity, contents=shown, name=name, visual_bounds=around)]
