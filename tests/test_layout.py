@@ -144,6 +144,14 @@ def test_a_life_that_cannot_change_is_left_out(name: str, shown: list[str], tmp_
     assert [each for each in scene.groups if f"/focus/{each}/needs" in origins] == shown
 
 
+@pytest.mark.parametrize(("name", "front"), [("well_mixed", "populations"), ("colony", "nurse in focus")])
+def test_a_world_without_minds_opens_with_its_populations(name: str, front: str, tmp_path: Path) -> None:
+    """Where no species decides, the populations are in front of the lives; else a mind is."""
+    tabs = [part.contents for part in parts(scene_of(name, tmp_path)) if type(part).__name__ == "Tabs"]
+    names = [[view.name for view in views] for views in tabs]
+    assert front in [each[0] for each in names if "populations" in each]
+
+
 def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Path) -> None:
     """The matrix of one agent that feels two is drawn as cells of pixels, with all names, all weights and a scale."""
     scene, told = scene_of("food_share", tmp_path), dict[str, Any]()

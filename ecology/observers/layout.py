@@ -138,9 +138,11 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     if scene.crowd:
         below, shares = rrb.Tabs(*others, *mapped, active_tab=0), [2.6, 1.0]
         populations = None if scene.alone else _place(scene, POPULATIONS, name="populations")
-        right: Any = rrb.Tabs(*lives, *([populations] if populations else []), active_tab=0)
+        minded = scene.alone or any(scene.decides.values())  # a mind in front, if there is one
+        whole = [populations] if populations else []
+        right: Any = rrb.Tabs(*([*lives, *whole] if minded else [*whole, *lives]), active_tab=0)
         strip = _place(scene, CUES if scene.alone else STRIP)
-        if strip is not None and lives:
+        if strip is not None and lives and minded:
             right = rrb.Vertical(right, strip, row_shares=[4.4, 1.0])
     else:
         below, shares = rrb.Tabs(*mapped, *others, active_tab=0), [2.3, 1.0]

@@ -26,7 +26,7 @@ STATE_TICKS = 2_000  # of the internal state on the first screen: two labels of 
 HUGE = 1e300  # range of an axis that is left alone
 APART, HALF = 20, 8  # points: between two labels of an axis, at least, and half a label
 NEAR = 22  # points beyond a range within which the viewer would draw a label, and cut it off
-STRIP_TALL, ALONE_TALL = 76, 150  # points, of a plot of populations below minds, and without any, on a small screen
+STRIP_TALL, ALONE_TALL = 76, 110  # points, of a plot of populations below minds, and without any, on a small screen
 
 
 @dataclass
@@ -330,7 +330,7 @@ def labelled(low: float, high: float, tall: float) -> tuple[float, float]:
 
 def population_height(scene: Scene) -> float:
     """Return the height of a plot of populations, points, on a small screen."""
-    return ALONE_TALL if all(scene.idle(name) for name in scene.groups) else STRIP_TALL
+    return STRIP_TALL if any(scene.decides.values()) else ALONE_TALL
 
 
 class Ends:
