@@ -247,7 +247,7 @@ def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
         return rrb.Spatial2DView(
             origin="/",
             contents=[f"+ /{FORKED}/world/**"],
-            name=f"the other future, {scene.fork}",
+            name=scene.fork,
             background=BACKGROUND,
             visual_bounds=bounds(scene, 0.09, 0.11),
             overrides=overrides,
@@ -265,7 +265,7 @@ def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin="/",
         contents=["+ /world/**", "- /world/maps/**", "- /world/here/**", "- /world/chosen/**", *shown],
-        name=f"{scene.run}: {what}, {seen}",
+        name=scene.run if scene.fork else f"{scene.run}: {what}, {seen}",  # half as wide beside a fork
         background=BACKGROUND,
         visual_bounds=bounds(scene, 0.09, 0.11 + 0.055 * len(scene.legend_rows())),
         overrides=overrides,

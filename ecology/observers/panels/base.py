@@ -353,6 +353,8 @@ class Ends:
         if not known.size:
             return
         self._low, self._high = min(self._low, float(known.min())), max(self._high, float(known.max()))
+        if self._low == self._high:  # of zeros alone the viewer's own axis has labels
+            return
         ends = labelled(self._low, self._high, self._tall)
         if ends != self._ends:
             self._ends = ends
@@ -365,11 +367,14 @@ def name_shades(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
 
 
 def bounds(scene: Scene, below: float, above: float) -> rrb.VisualBounds2D:
-    """Return the arena and a margin, shares of its size, in the view's plane: y mirrored."""
+    """Return the arena and a margin, shares of its size, in the view's plane: y mirrored.
+
+    Beside a fork it is drawn smaller, and its words take more of the width.
+    """
     low, high = np.array(scene.scenario.arena.extent, float)
     size = float((high - low).max())
     return rrb.VisualBounds2D(
-        x_range=[low[0] - 0.06 * size, high[0] + 0.03 * size],
+        x_range=[low[0] - (0.16 if scene.fork else 0.06) * size, high[0] + (0.06 if scene.fork else 0.03) * size],
         y_range=[-high[1] - above * size, -low[1] + below * size],
     )
 
