@@ -84,7 +84,7 @@ LIFE = rows(
     tabs(Needs, Shares, Deviation, Everyone),
     Action,
     columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.25, 1.0)),
-    shares=(2.75, 1.15, 2.95),
+    shares=(2.65, 1.3, 2.9),
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 STRIP = columns(Count, Drives)  # below the minds of a crowd
