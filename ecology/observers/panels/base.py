@@ -26,7 +26,7 @@ STATE_TICKS = 2_000  # of the internal state on the first screen: two labels of 
 HUGE = 1e300  # range of an axis that is left alone
 APART, HALF = 20, 8  # points: between two labels of an axis, at least, and half a label
 NEAR = 22  # points beyond a range within which the viewer would draw a label, and cut it off
-STRIP_TALL, ALONE_TALL = 66, 150  # points, of a plot of populations below minds, and without any, on a small screen
+STRIP_TALL, ALONE_TALL = 66, 96  # points, of a plot of populations below minds, and without any, on a small screen
 
 
 @dataclass

@@ -12,7 +12,7 @@ from ecology.observers import colours
 from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, scalars, series
 from ecology.observers.scene import Scene
 
-TALL = 120  # points, of the plot on a small screen
+TALL = 96  # points, of the plot on a small screen
 
 
 class Flow(Panel):
