@@ -20,6 +20,7 @@ from ecology.lab.runs.run_config import resolve
 from ecology.observers import layout, maps, shapes
 from ecology.observers import panels as files
 from ecology.observers.layout import PLACED, UNTOUCHED, Box, blueprint
+from ecology.observers.panels.ahead import Ahead
 from ecology.observers.panels.base import Batch, Panel, labelled
 from ecology.observers.panels.coupling import Coupling
 from ecology.observers.panels.futures import Futures
@@ -169,3 +170,14 @@ def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Pat
     (words,) = told["population/coupling/possessor/names"]
     shown = words.labels.as_arrow_array().to_pylist()
     assert sorted(shown) == sorted(["dark 0, bright 1", "possessor_0", "possessor_0", "partner_1", "1", "0.5"])
+
+
+def test_no_forecast_is_drawn_nowhere(tmp_path: Path) -> None:
+    """An ellipse without a centre would lie at the origin: where there is no forecast, its centre is NaN."""
+    scene, told = scene_of("paper", tmp_path), dict[str, Any]()
+    panel = Ahead(scene, "agent")
+    rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: told.update({entity: what}))
+    nothing = np.empty((0, 2)), np.empty((0, 2)), []
+    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: nothing}}]))
+    (ellipse,) = told["world/forecast/agent"]
+    assert np.isnan(ellipse.centers.as_arrow_array().to_pylist()).all()
