@@ -20,6 +20,7 @@ from ecology.lab.runs.run_config import resolve
 from ecology.observers import layout, maps, shapes
 from ecology.observers import panels as files
 from ecology.observers.layout import PLACED, UNTOUCHED, Box, blueprint
+from ecology.observers.panels.ahead import Ahead
 from ecology.observers.panels.base import Batch, Panel, labelled
 from ecology.observers.panels.coupling import Coupling
 from ecology.observers.panels.futures import Futures
@@ -111,6 +112,13 @@ def test_an_axis_has_two_labels(low: float, high: float, tall: float) -> None:
     assert most - least <= 25 * max(high - low, abs(high), 1e-9)
 
 
+def test_a_label_just_beyond_the_data_is_whole() -> None:
+    """A plot that ends a few points below its next label reaches beyond it; one with room to spare does not."""
+    assert labelled(0, 4.5, 150)[1] > 5.2
+    assert labelled(-4.5, 0, 150)[0] < -5.2
+    assert labelled(0, 1.3, 150)[1] < 1.5
+
+
 def test_a_resource_that_is_everywhere_is_drawn_on_the_floor(tmp_path: Path) -> None:
     """A circle that holds the whole arena has no outline, and the legend says so; others have names beside them."""
     for name, everywhere in (("laws", ["pool"]), ("colony", ["food"]), ("commons", []), ("paper", [])):
@@ -137,6 +145,14 @@ def test_a_life_that_cannot_change_is_left_out(name: str, shown: list[str], tmp_
     assert [each for each in scene.groups if f"/focus/{each}/needs" in origins] == shown
 
 
+@pytest.mark.parametrize(("name", "front"), [("well_mixed", "populations"), ("colony", "nurse in focus")])
+def test_a_world_without_minds_opens_with_its_populations(name: str, front: str, tmp_path: Path) -> None:
+    """Where no species decides, the populations are in front of the lives; else a mind is."""
+    tabs = [part.contents for part in parts(scene_of(name, tmp_path)) if type(part).__name__ == "Tabs"]
+    names = [[view.name for view in views] for views in tabs]
+    assert front in [each[0] for each in names if "populations" in each]
+
+
 def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Path) -> None:
     """The matrix of one agent that feels two is drawn as cells of pixels, with all names, all weights and a scale."""
     scene, told = scene_of("food_share", tmp_path), dict[str, Any]()
@@ -154,3 +170,14 @@ def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Pat
     (words,) = told["population/coupling/possessor/names"]
     shown = words.labels.as_arrow_array().to_pylist()
     assert sorted(shown) == sorted(["dark 0, bright 1", "possessor_0", "possessor_0", "partner_1", "1", "0.5"])
+
+
+def test_no_forecast_is_drawn_nowhere(tmp_path: Path) -> None:
+    """An ellipse without a centre would lie at the origin: where there is no forecast, its centre is NaN."""
+    scene, told = scene_of("paper", tmp_path), dict[str, Any]()
+    panel = Ahead(scene, "agent")
+    rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: told.update({entity: what}))
+    nothing = np.empty((0, 2)), np.empty((0, 2)), []
+    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: nothing}}]))
+    (ellipse,) = told["world/forecast/agent"]
+    assert np.isnan(ellipse.centers.as_arrow_array().to_pylist()).all()

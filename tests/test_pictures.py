@@ -4,6 +4,7 @@
 # ruff: noqa: D102
 
 import contextlib
+import dataclasses
 import errno
 import pathlib
 import sys
@@ -27,6 +28,7 @@ import ecology
 from ecology import Ecology, EcologyError
 from ecology.ground import scatter
 from ecology.observers import picture, viewer
+from ecology.observers.frame import frame
 
 
 def test_a_film_is_made_of_what_was_recorded(tmp_path, monkeypatch):
@@ -195,3 +197,21 @@ def test_a_picture_shows_the_world(world):
     after = picture.draw_picture(env.scenario, env.state_view)
     assert (before != after).any()
     assert np.array_equal(after, env.render())
+
+
+def test_a_resource_that_covers_the_room_colours_the_floor():
+    """Within the walls alone, as far as it is full; the walls stay black, and its name is in the legend."""
+    scenario = ecology.scenarios.load("colony")
+    env = Ecology(scenario, render_mode="rgb_array")
+    env.reset_arrays(seed=0)
+    shown = frame(scenario, env.state_view)
+    drawn = picture.Picture(scenario)
+    full, empty = (drawn.draw(dataclasses.replace(shown, full=np.full(1, share))) for share in (1.0, 0.0))
+    changed = (full != empty).any(axis=-1)
+    assert (empty[changed] == 255).all(axis=-1).mean() > 0.95  # of a white floor
+    assert changed.mean() > 0.3
+    rows, columns = (np.flatnonzero(changed.any(axis=axis)) for axis in (1, 0))
+    across = full[(rows[0] + rows[-1]) // 2]
+    assert (across[columns[0] - 3 : columns[0]] == 0).all(axis=-1).any()  # the wall beside it
+    words = [text.get_text() for legend in drawn._figure.legends for text in legend.get_texts()]
+    assert "food: everywhere" in words

@@ -84,7 +84,7 @@ LIFE = rows(
     tabs(Needs, Shares, Deviation, Everyone),
     Action,
     columns(DecisionTable, tabs(Drive, Reward, Losses, Expectation, Error, Numbers), shares=(1.25, 1.0)),
-    shares=(2.75, 1.15, 2.95),
+    shares=(2.65, 1.3, 2.9),
 )
 POPULATIONS = rows(columns(Count, Flow), Drives, Ages, Traits, columns(Stocks, Measures, Coupling))
 STRIP = columns(Count, Drives)  # below the minds of a crowd
@@ -138,9 +138,11 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     if scene.crowd:
         below, shares = rrb.Tabs(*others, *mapped, active_tab=0), [2.6, 1.0]
         populations = None if scene.alone else _place(scene, POPULATIONS, name="populations")
-        right: Any = rrb.Tabs(*lives, *([populations] if populations else []), active_tab=0)
+        minded = scene.alone or any(scene.decides.values())  # a mind in front, if there is one
+        whole = [populations] if populations else []
+        right: Any = rrb.Tabs(*([*lives, *whole] if minded else [*whole, *lives]), active_tab=0)
         strip = _place(scene, CUES if scene.alone else STRIP)
-        if strip is not None and lives:
+        if strip is not None and lives and minded:
             right = rrb.Vertical(right, strip, row_shares=[4.4, 1.0])
     else:
         below, shares = rrb.Tabs(*mapped, *others, active_tab=0), [2.3, 1.0]
@@ -245,7 +247,7 @@ def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
         return rrb.Spatial2DView(
             origin="/",
             contents=[f"+ /{FORKED}/world/**"],
-            name=f"the other future, {scene.fork}",
+            name=scene.fork,
             background=BACKGROUND,
             visual_bounds=bounds(scene, 0.09, 0.11),
             overrides=overrides,
@@ -263,7 +265,7 @@ def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin="/",
         contents=["+ /world/**", "- /world/maps/**", "- /world/here/**", "- /world/chosen/**", *shown],
-        name=f"{scene.run}: {what}, {seen}",
+        name=scene.run if scene.fork else f"{scene.run}: {what}, {seen}",  # half as wide beside a fork
         background=BACKGROUND,
         visual_bounds=bounds(scene, 0.09, 0.11 + 0.055 * len(scene.legend_rows())),
         overrides=overrides,

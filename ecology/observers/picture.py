@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ecology.observers import places, shapes
+from ecology.ground.outline import drawn_lines
+from ecology.observers import maps, places, shapes
 from ecology.observers.colours import highest_drive, resource_colours, scale, species_colour
 from ecology.observers.frame import Frame, frame
 from ecology.observers.mind_picture import MindPicture
@@ -26,6 +27,8 @@ from ecology.scenario import Scenario
 from ecology.state import State
 
 SIZE, DPI = (800, 600), 100  # pixels, and pixels per inch
+FINE = 400  # cells along the longer side of a floor that a resource covers
+OPAQUE = 0.45  # where a resource is full
 SHADES = {"born": "black", "died": "black", "bit": "#d55e00", "gave": "#009e73"}  # of marks
 
 
@@ -47,8 +50,9 @@ class Shot:
 class Picture:
     """Draws frame after frame of one world: what does not change is drawn once.
 
-    A patch is filled as far as its stock is; one that is empty or unavailable is a ring. Of one species,
-    bodies are coloured by drive; of several, by species, and their headings by drive.
+    A patch is filled as far as its stock is; one that is empty or unavailable is a ring. A resource that
+    covers the whole room colours the floor, the stronger the fuller. Of one species, bodies are coloured
+    by drive; of several, by species, and their headings by drive.
     """
 
     def __init__(self, scenario: Scenario, shot: Shot | None = None) -> None:
@@ -88,6 +92,7 @@ class Picture:
         figure.colorbar(self._drives, ax=axes, label=f"drive ({'heading' if self._mixed else 'body'})", shrink=0.8)
         self._shut = self._add(LineCollection([], colors="0.35", linewidths=3, zorder=1))
         self._fields = self._images() if scenario.fields else {}
+        self._floors, self._walls = self._flooded()
         self._patches = self._resources()
         self._bodies = [self._species(i) for i in range(len(scenario.species))]
         self._marks = {
@@ -115,6 +120,8 @@ class Picture:
             discs.set_heights(wide)
             for i, name in names.items():
                 name.set_position(shown.patches[i] - [0, radii[i]])
+            for i, floor in self._floors.items():
+                floor.set_alpha(shown.full[i])
         start, captions = 0, []
         for species, (bodies, headings, radius) in zip(self._scenario.species, self._bodies, strict=True):
             rows = slice(start, start + species.slots)
@@ -175,7 +182,7 @@ class Picture:
 
     def _moving(self) -> list[Any]:
         """Return what is redrawn in every frame, the lowest first."""
-        found: list[Any] = [*self._fields.values(), self._shut]
+        found: list[Any] = [*self._floors.values(), *self._walls, *self._fields.values(), self._shut]
         if self._patches:
             rings, discs, names, _ = self._patches
             found += [discs, rings, *names.values()]
@@ -209,16 +216,34 @@ class Picture:
     def _images(self) -> dict[str, Any]:
         """Return the images of the fields, nothing in them yet."""
         grid = places.grid_of(self._scenario.arena)
+        nothing = places.image(np.zeros(grid.inside.shape, np.uint8), 0)
+        return {each.name: self._lay(nothing, grid) for each in self._scenario.fields}
+
+    def _lay(self, image: np.ndarray, grid: maps.Grid) -> Any:
+        """Lay an image of a grid on the floor."""
         left, bottom = grid.corner
         ends = (left, left + len(grid.x) * grid.cell, bottom, bottom + len(grid.y) * grid.cell)
-        nothing = places.image(np.zeros(grid.inside.shape, np.uint8), 0)
         limits = self._axes.get_xlim(), self._axes.get_ylim()
-        found = {
-            each.name: self._axes.imshow(nothing, extent=ends, origin="lower", animated=True, zorder=1.5)
-            for each in self._scenario.fields
-        }
+        found = self._axes.imshow(image, extent=ends, origin="lower", animated=True, zorder=1.5)
         self._axes.set(xlim=limits[0], ylim=limits[1])
         return found
+
+    def _flooded(self) -> tuple[dict[int, Any], list[Any]]:
+        """Return the floors that resources cover, by patch, and the walls again, if there are any such floors."""
+        scenario = self._scenario
+        kinds, shades = scenario.resources, resource_colours(scenario)
+        first = np.cumsum([0, *(r.count for r in kinds)])
+        covering = [k for k, r in enumerate(kinds) if shapes.covers(scenario, r)]
+        if not covering:
+            return {}, []
+        fine, floors = maps.cover(scenario.arena, FINE), {}
+        for k in covering:
+            image = np.zeros((*fine.inside.shape, 4))
+            image[fine.inside] = (*_unit(shades[k]), OPAQUE)
+            floors[int(first[k])] = self._lay(image, fine)
+        torus = scenario.arena.torus
+        lines = [] if torus else drawn_lines(scenario.arena)
+        return floors, [self._add(LineCollection(lines, colors="black", linewidths=2, zorder=1.5))]
 
     def _resources(self) -> tuple[Any, Any, dict[int, Any], np.ndarray] | None:
         """Return rings, discs, names by patch and radii of the patches."""
@@ -227,12 +252,15 @@ class Picture:
             return None
         shades = [_unit(c) for c in resource_colours(self._scenario)]
         each = [shade for shade, r in zip(shades, resources, strict=True) for _ in range(r.count)]
-        radii = np.array([r.radius for r in resources for _ in range(r.count)])
+        # those that cover the floor are not drawn as circles
+        radii = np.array(
+            [0.0 if shapes.covers(self._scenario, r) else r.radius for r in resources for _ in range(r.count)]
+        )
         rings = self._circles(radii, facecolors="none", edgecolors=each, linewidths=1.5, zorder=2)
-        discs = self._circles(radii, facecolors=each, edgecolors="none", alpha=0.45, zorder=2)
+        discs = self._circles(radii, facecolors=each, edgecolors="none", alpha=OPAQUE, zorder=2)
         names, first = {}, 0
         for r in resources:
-            if r.count == 1:
+            if r.count == 1 and first not in self._floors:
                 names[first] = self._axes.text(0, 0, r.name, ha="center", va="top", fontsize=8, animated=True)
             first += r.count
         return rings, discs, names, radii
@@ -253,16 +281,18 @@ class Picture:
         def dot(label: str, face: Any, edge: Any) -> Line2D:
             return Line2D([], [], marker="o", ls="", mfc=face, mec=edge, label=label)
 
+        def square(label: str, face: Any) -> Line2D:
+            return Line2D([], [], marker="s", ls="", mfc=face, mec="none", label=label)
+
         found = [
             dot(s.name, _unit(species_colour(i)) if self._mixed else "none", "0.15")
             for i, s in enumerate(scenario.species)
         ]
         shades = [_unit(c) for c in resource_colours(scenario)]
-        found += [dot(r.name, (*c, 0.45), c) for r, c in zip(scenario.resources, shades, strict=True) if r.count > 1]
-        found += [
-            Line2D([], [], marker="s", ls="", mfc=_unit(places.field_colour(i)), mec="none", label=each.name)
-            for i, each in enumerate(scenario.fields)
-        ]
+        kinds = list(zip(scenario.resources, shades, strict=True))
+        found += [dot(r.name, (*c, OPAQUE), c) for r, c in kinds if r.count > 1]
+        found += [square(f"{r.name}: everywhere", (*c, OPAQUE)) for r, c in kinds if shapes.covers(scenario, r)]
+        found += [square(each.name, _unit(places.field_colour(i))) for i, each in enumerate(scenario.fields)]
         signs: dict[str, Any] = {"born": {"marker": "o", "ls": "", "mfc": "none"}, "died": {"marker": "x", "ls": ""}}
         found += [  # bites and gifts are lines
             Line2D([], [], color=SHADES[kind], label=shapes.KINDS[kind], **signs.get(kind, {}))

@@ -91,7 +91,8 @@ class Ahead(Panel):
             set_times(rec, s["tick"], s["time"])
             strips = [path] if len(path) else []
             rec.log(f"world/plan/{self.name}", rr.LineStrips2D.from_fields(strips=strips))
-            rec.log(f"world/forecast/{self.name}", rr.Ellipses2D.from_fields(centers=ghost))
+            centre = ghost if len(ghost) else np.full((1, 2), np.nan)  # without one it would be drawn at the origin
+            rec.log(f"world/forecast/{self.name}", rr.Ellipses2D.from_fields(centers=centre))
 
     def overrides(self) -> dict[Any, Any]:
         """Show the last misses."""

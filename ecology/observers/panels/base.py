@@ -25,7 +25,8 @@ from ecology.world import Tick
 STATE_TICKS = 2_000  # of the internal state on the first screen: two labels of the axis, however narrow the plot
 HUGE = 1e300  # range of an axis that is left alone
 APART, HALF = 20, 8  # points: between two labels of an axis, at least, and half a label
-STRIP_TALL = 76  # points, of a plot below the minds on a small screen
+NEAR = 22  # points beyond a range within which the viewer would draw a label, and cut it off
+STRIP_TALL, ALONE_TALL = 66, 96  # points, of a plot of populations below minds, and without any, on a small screen
 
 
 @dataclass
@@ -308,7 +309,8 @@ def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None, *, leg
 def labelled(low: float, high: float, tall: float) -> tuple[float, float]:
     """Return the narrowest range around `low` to `high` that shows two labels whole in a plot `tall` points high.
 
-    The viewer labels the multiples of a power of ten: the least whose labels have room.
+    The viewer labels the multiples of a power of ten: the least whose labels have room. The range includes one that
+    lies just beyond it.
     """
     room = max(tall - 2 * HALF, 2 * APART)
     while high - low < HUGE:
@@ -316,10 +318,19 @@ def labelled(low: float, high: float, tall: float) -> tuple[float, float]:
         step = 10.0 ** math.ceil(math.log10(APART * span / room) - 1e-9)
         first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
         if last > first:
-            return low - HALF * span / room, high + HALF * span / room
+            down, up, point = step * math.floor(low / step + 1e-9), step * math.ceil(high / step - 1e-9), span / room
+            least, most = down if low - down < NEAR * point else low, up if up - high < NEAR * point else high
+            if APART * (most - least) <= step * room:  # the labels still have room
+                low, high = least, most
+            return low - HALF * point, high + HALF * point
         down, up = low - (first - 1) * step, (last + 1) * step - high
         low, high = (low, (last + 1) * step) if up <= down or low == 0 else ((first - 1) * step, high)
     return low, high
+
+
+def population_height(scene: Scene) -> float:
+    """Return the height of a plot of populations, points, on a small screen."""
+    return STRIP_TALL if any(scene.decides.values()) else ALONE_TALL
 
 
 class Ends:
@@ -342,6 +353,8 @@ class Ends:
         if not known.size:
             return
         self._low, self._high = min(self._low, float(known.min())), max(self._high, float(known.max()))
+        if self._low == self._high:  # of zeros alone the viewer's own axis has labels
+            return
         ends = labelled(self._low, self._high, self._tall)
         if ends != self._ends:
             self._ends = ends
@@ -354,11 +367,14 @@ def name_shades(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
 
 
 def bounds(scene: Scene, below: float, above: float) -> rrb.VisualBounds2D:
-    """Return the arena and a margin, shares of its size, in the view's plane: y mirrored."""
+    """Return the arena and a margin, shares of its size, in the view's plane: y mirrored.
+
+    Beside a fork it is drawn smaller, and its words take more of the width.
+    """
     low, high = np.array(scene.scenario.arena.extent, float)
     size = float((high - low).max())
     return rrb.VisualBounds2D(
-        x_range=[low[0] - 0.06 * size, high[0] + 0.03 * size],
+        x_range=[low[0] - (0.16 if scene.fork else 0.06) * size, high[0] + (0.06 if scene.fork else 0.03) * size],
         y_range=[-high[1] - above * size, -low[1] + below * size],
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers.panels.base import STRIP_TALL, Batch, Ends, Panel, plot, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, plot, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -15,7 +15,7 @@ class Count(Panel):
 
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
-        self._ends = Ends("population/count", STRIP_TALL)
+        self._ends = Ends("population/count", population_height(scene))
 
     def is_there(self) -> bool:
         """Return whether there is more to be shown than one agent."""

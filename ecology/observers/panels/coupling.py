@@ -13,7 +13,11 @@ from ecology.observers.panels.base import Batch, Panel, Watch, set_times, text
 from ecology.observers.scene import INK, MAP_SCALE
 
 WIDE = (2.0, 1.0)  # width and height of the rectangle in which a matrix is drawn
-ROWS, COLUMNS = 4, 6  # names beside and below it, at most
+ROWS, COLUMNS, FEW = (
+    4,
+    6,
+    3,
+)  # names beside and below it, at most, and below one of more columns, whose cells are narrow
 UP = 0.14  # by which a word begins above the middle of its cell
 PIXELS = 8  # of a cell
 COUPLED = 128  # agents of a species whose coupling is drawn, at most
@@ -65,7 +69,7 @@ class Coupling(Panel):
             for i in range(0, n, -(-n // ROWS)):
                 spots.append((-0.42, y[i]))
                 words.append(feels[i])
-            for k, j in enumerate(range(0, m, -(-m // COLUMNS))):  # in two lines, by turns
+            for k, j in enumerate(range(0, m, -(-m // (COLUMNS if m <= COLUMNS else FEW)))):  # in two lines, by turns
                 spots.append((x[j], WIDE[1] + 0.02 + 0.2 * (k % 2)))
                 words.append(felt[j])
             if n <= ROWS and m <= COLUMNS:
@@ -77,6 +81,6 @@ class Coupling(Panel):
         """Return the matrix: rows feel, columns are felt."""
         entity = f"/population/coupling/{self.name}"
         name = f"{self.name}: who (row) feels whom (column)"
-        around = rrb.VisualBounds2D(x_range=[-0.85, WIDE[0] + 0.1], y_range=[-0.36, WIDE[1] + 0.45])
+        around = rrb.VisualBounds2D(x_range=[-0.85, WIDE[0] + 0.1], y_range=[-0.36, WIDE[1] + 0.66])
         shown = [f"+ {entity}/image", f"+ {entity}/names"]
         return [rrb.Spatial2DView(origin=entity, contents=shown, name=name, visual_bounds=around)]

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import STRIP_TALL, Batch, Ends, Panel, plot, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, plot, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -16,7 +16,7 @@ class Drives(Panel):
 
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
-        self._ends = Ends("population/drive", STRIP_TALL)
+        self._ends = Ends("population/drive", population_height(scene))
         self._shown = {n: group for n, group in scene.groups.items() if not scene.idle(n)}
 
     def is_there(self) -> bool:

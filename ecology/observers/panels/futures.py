@@ -10,8 +10,10 @@ import rerun.blueprint as rrb
 
 from ecology.ground import plane_of
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, scalars, series
 from ecology.observers.scene import Scene
+
+TALL = 150  # points, of a plot on a small screen
 
 
 class Futures(Panel):
@@ -21,6 +23,7 @@ class Futures(Panel):
         super().__init__(scene, name)
         self._began, self._change = 0, ""
         self._first: int | None = None  # first tick at which an agent acted differently
+        self._ends = {what: Ends(f"futures/{what}", TALL) for what in ("living", "drive", "apart")}
 
     def begin(self, tick: int, change: str) -> None:
         """Note when the futures part, and what is changed in the fork."""
@@ -94,6 +97,8 @@ class Futures(Panel):
         for what in ("living", "drive"):
             series(rec, f"futures/{what}", words, shades, [2.0, 1.2] * len(self.scene.groups))
         series(rec, "futures/apart", ["mean distance between an agent and itself"], [colours.PALETTE[0]])
+        for each in self._ends.values():
+            each.open(rec)
 
     def _shades(self, name: str) -> list[colours.Colour]:
         alone = len(self.scene.groups) == 1
@@ -102,9 +107,10 @@ class Futures(Panel):
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw the comparisons."""
         found = [s["futures"] for s in batch.samples]
-        for what in ("living", "drive"):
-            scalars(rec, f"futures/{what}", batch.times, np.array([each[what] for each in found], float))
-        scalars(rec, "futures/apart", batch.times, np.array([[each["apart"]] for each in found], float))
+        for what, ends in self._ends.items():
+            value = np.array([np.atleast_1d(each[what]) for each in found], float)
+            scalars(rec, f"futures/{what}", batch.times, value)
+            ends.draw(rec, batch.ticks, batch.clock, value)
         texts = [each["text"] for each in found]
         documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
         rec.send_columns("futures/text", batch.times, documents)

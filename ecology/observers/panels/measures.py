@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import STRIP_TALL, Batch, Ends, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -18,7 +18,7 @@ class Measures(Panel):
 
     def __init__(self, scene: Scene, name: str = "") -> None:
         super().__init__(scene, name)
-        self._ends = Ends("population/measures", STRIP_TALL)
+        self._ends = Ends("population/measures", population_height(scene))
 
     def is_there(self) -> bool:
         """Return whether there are any, in a world of several."""

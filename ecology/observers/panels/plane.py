@@ -30,11 +30,11 @@ class Plane(Panel):
         spots, words = [], []
         for axis in range(2):
             values = np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step)
-            for value in values if len(values) > 1 else (low[axis], high[axis]):
+            for i, value in enumerate(values if len(values) > 1 else (low[axis], high[axis])):
                 place = low - 0.035 * scene.size
                 place[axis] = value
                 spots.append(place)
-                words.append(f"{'xy'[axis]} {value:g}" if value == low[axis] else f"{value:g}")
+                words.append(f"{'xy'[axis]} {value:g}" if i == 0 else f"{value:g}")
         write(rec, "world/axes", spots, words)
 
 

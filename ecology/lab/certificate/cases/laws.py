@@ -154,7 +154,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
             ax.plot(np.array(between) / row.closed, [i, i], color=answers.OURS)
             ax.plot(np.array(row.ours) / row.closed, [i + 0.25] * len(row.ours), ".", color=answers.OURS, alpha=0.45)
     ax.set_yticks(range(len(rows)), [textwrap.fill(_short(row), WIDE) for row in rows], fontsize=7)
-    answers.finish(ax, f"ours over the closed form ({answers.INTERVAL})", "")
+    answers.finish(ax, f"ours over the closed form\n{answers.INTERVAL}", "")
 
 
 def case() -> Case:
