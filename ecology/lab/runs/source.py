@@ -206,9 +206,9 @@ def modules(file: Path) -> set[Path]:
                     found.add(path)
                     waiting.append(path)
     for name, module in sys.modules.copy().items():  # imported by a name that is not written out
-        path = getattr(module, "__file__", None) or ""
-        if path.startswith(f"{folder}{os.sep}") and Path(path) in _files_of(folder, name):
-            found.add(Path(path))
+        loaded = getattr(module, "__file__", None) or ""
+        if loaded.startswith(f"{folder}{os.sep}") and Path(loaded) in _files_of(folder, name):
+            found.add(Path(loaded))
     return found
 
 
