@@ -13,10 +13,14 @@ from conftest import Command
 from worlds import OPTIONAL
 
 from ecology import __version__, agents, scenarios
+from ecology.lab.cli.commands import list as list_command
 
 
 def test_list_names_every_scenario_and_learner(ecology: Command) -> None:
     """`ecology list` has a line with words on it for each scenario and each learner."""
+    worlds, archipelagos, learners = list_command.lines()  # read from files
+    assert (list(worlds), list(archipelagos)) == (scenarios.names(), scenarios.archipelago_names())
+    assert learners == {name: words[-1] for name, words in agents.LEARNERS.items()}
     code, out, _ = ecology("list")
     assert code == 0
     told = dict(line.split(maxsplit=1) for line in out.splitlines() if line.startswith("  "))
