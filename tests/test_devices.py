@@ -65,7 +65,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "J itself": {**SMALL, "learn_value": False},
     "a target that does not explore": {**SMALL, "target_explores": False},
 }
-UPDATES = 4
+UPDATES = 6
 
 
 def on_torch(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,7 +166,7 @@ def compare_updates(variant: str) -> None:
     after = learner.state()[0]
     for name in ("f", "J", "target"):
         assert np.allclose(expected[name], after[name], atol=1e-4)
-    assert (np.abs(after["J"] - before).max(axis=1) > 2e-3).all()  # each has learned something
+    assert (np.abs(after["J"] - before).max(axis=1) > 4e-3).all()  # each has learned something
     counts = np.array([UPDATES, UPDATES - 1, UPDATES])[:, None]
     assert (after["adam_J.steps"] == counts).all()
     assert (after["adam_f.steps"][:, 0] == counts[:, 0]).all()
@@ -281,8 +281,10 @@ def plain_answers(variant: str) -> dict[str, np.ndarray]:
 def test_scores_equal_the_plain_ones(variant: str, computes: str) -> None:
     """The score of every open movement is the plain one, infinity where it is closed; slopes and f too."""
     expected = plain_answers(variant)
+    finer = {"expected": 1e-5, "change": 1e-5, "duration": 1e-12}  # than the 1e-4 of scores and J
     for question, found in answers(learned(VARIANTS[variant])).items():
-        assert found == pytest.approx(expected[question], rel=1e-3, abs=1e-4), question
+        bound = finer.get(question.split()[0], 1e-4)
+        assert found == pytest.approx(expected[question], rel=1e-3, abs=bound), question
 
 
 CHAPTERS = ("encoding", "networks", "first_order", "scores", "lookahead", "learning", "adam", "update")

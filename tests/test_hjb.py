@@ -273,17 +273,16 @@ def test_explored_walks_go_on() -> None:
 
 
 def test_an_optimist_goes_where_it_has_not_been() -> None:
-    """After 1,500 ticks twelve optimists know more places than twelve others; evaluations hold no hope.
+    """After 1,500 ticks twelve optimists know a tenth more places than twelve others; evaluations hold no hope.
 
-    Measured with six seeds: from 9 to 45 % more.
+    Measured: a quarter more, and more than half more with other seeds.
     """
     scenario = scenarios.load("paper")
     many = replace(scenario.species[0], count=12, solid=False)
     known = {}
     for optimism in (0.0, 0.15):
         env = Ecology(replace(scenario, species=(many,)))
-        settings = {"width": 16, "batch": 16, "batch_f": 16, "beam": 4, "updates": 1, "persistence": 1}
-        learner = agents.make("hjb", env.groups["agent"], SEED, {**settings, "optimism": optimism})
+        learner = agents.make("hjb", env.groups["agent"], SEED, {"optimism": optimism, "updates": 1, "persistence": 1})
         assert isinstance(learner, HJB)
         tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 1_500)
         known[optimism] = learner.cell_count.mean()
@@ -291,7 +290,7 @@ def test_an_optimist_goes_where_it_has_not_been() -> None:
         learner.evaluating(0.0)
         loop.run(env, {"agent": learner}, tick, 50)
         assert not learner.optimism.any()
-    assert known[0.15] > 1.03 * known[0.0]
+    assert known[0.15] > 1.1 * known[0.0]
 
 
 def test_curiosity_follows_what_the_unknown_has_brought() -> None:

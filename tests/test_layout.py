@@ -174,10 +174,10 @@ def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Pat
 
 def test_no_forecast_is_drawn_nowhere(tmp_path: Path) -> None:
     """An ellipse without a centre would lie at the origin: where there is no forecast, its centre is NaN."""
-    scene, told = scene_of("paper", tmp_path), dict[str, Any]()
+    scene, logged = scene_of("paper", tmp_path), dict[str, Any]()
     panel = Ahead(scene, "agent")
-    rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: told.update({entity: what}))
+    rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: logged.update({entity: what}))
     nothing = np.empty((0, 2)), np.empty((0, 2)), []
     panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: nothing}}]))
-    (ellipse,) = told["world/forecast/agent"]
+    (ellipse,) = logged["world/forecast/agent"]
     assert np.isnan(ellipse.centers.as_arrow_array().to_pylist()).all()

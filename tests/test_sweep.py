@@ -317,14 +317,16 @@ def attempts() -> list[str]:
 def test_a_killed_run_is_gone_on_with_and_the_rest_lives(sweep: Sweep, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that is killed is begun again, to the same end; after so many deaths the run is named, exit code 1."""
     monkeypatch.setattr(sweeps, "RETRIES", 1)
-    code, out, err = sweep("--seeds", "0:1", "--set", "kills=1,99", "--workers", "2")
+    code, out, err = sweep("--seeds", "0:1", "--set", "kills=0,1,99", "--workers", "2")
     assert code == 1
-    assert "1 of 2 runs are whole" in out
+    assert "2 of 3 runs are whole" in out
     assert "kills=99_seed=0 failed: its process died 2 times, at last with exit code -9" in err
     assert "Traceback" not in err
     tried = attempts()
-    assert tried.count("kills=1_seed=0") == tried.count("kills=99_seed=0") == 2
-    assert rows()["set.kills"] == [1]
+    assert tried.count("kills=99_seed=0") == 2
+    table = rows()
+    assert table["set.kills"] == [0, 1]
+    assert table["mean_drive"][0] == table["mean_drive"][1]
 
 
 def test_a_run_that_fails_by_itself_is_not_repeated(sweep: Sweep) -> None:

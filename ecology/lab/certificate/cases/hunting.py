@@ -83,7 +83,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
         found.append(Row(what, a, closed=SEARCH, tolerance=0.1 * SEARCH))
     for density in AMONG:  # of learners a fit says nothing: their rates do not saturate
         if rates := answers.column(done, f"learned-{density:g}-"):
-            what = f"f/J (lean): prey taken per tick at density {density:g}; blind straight paths take"
+            what = f"f/J (lean): prey taken per tick at density {density:g} (closed form: straight paths)"
             found.append(Row(what, rates, closed=response(density)))
     return found
 
