@@ -201,11 +201,8 @@ def test_an_update_with_felt_components_equals_the_plain_one(exponent: float, mo
 def test_what_an_update_scores_ahead_is_what_is_decided_on(name: str, computes: str) -> None:
     """Scores from the pass of an update are those of a decision on the same state, and decisions use them."""
     env = Ecology(scenarios.load("predator_prey"))
-    settings = (
-        {**SMALL, "update_every": 2.0, "persistence": 1, "depth": 1, "errors": 0, "warm_up": 4, "tries": 0}
-        if name == "hjb"
-        else PRINTED
-    )
+    rare = {"update_every": 2.0, "persistence": 1, "depth": 1, "errors": 0, "warm_up": 4, "tries": 0, "reluctance": 0.0}
+    settings = {**SMALL, **rare} if name == "hjb" else PRINTED
     group = env.groups["prey"]
     learner = agents.make(name, group, np.random.SeedSequence(1), settings)
     others = agents.make("random", env.groups["predator"], np.random.SeedSequence(2), {})

@@ -26,7 +26,7 @@ from ecology import (
 from ecology.agents import loop
 from ecology.agents.base import DivergedError
 from ecology.agents.hjb import ALGORITHM1, HJB
-from ecology.agents.hjb.curiosity import Curiosity
+from ecology.agents.hjb.curiosity import SEARCHES, Curiosity
 from ecology.agents.hjb.devices.cpu.device import Cpu
 from ecology.agents.hjb.devices.cpu.lookahead import recall
 from ecology.agents.hjb.devices.records import RecalledErrors
@@ -286,7 +286,7 @@ def test_an_optimist_goes_where_it_has_not_been() -> None:
         assert isinstance(learner, HJB)
         tick = loop.run(env, {"agent": learner}, env.reset_arrays(0), 1_500)
         known[optimism] = learner.cell_count.mean()
-        assert learner.optimism.all() == (optimism > 0)
+        assert learner.optimism.any() == (optimism > 0)
         learner.evaluating(0.0)
         loop.run(env, {"agent": learner}, tick, 50)
         assert not learner.optimism.any()
@@ -305,11 +305,62 @@ def test_curiosity_follows_what_the_unknown_has_brought() -> None:
         curious.learn(one, wall, start[:1])
         assert curious.level == pytest.approx([1.0, 0.9]), failures
     places = np.array([[0.0, 0.9], [0.0, 1.9]], np.float32)
-    assert curious.unknown(both, places, 1.0).tolist() == [False, False]
-    assert curious.unknown(both, places[::-1], 1.0).tolist() == [True, False]
+    assert curious.unknown(both, places, np.ones(2)).tolist() == [False, False]
+    assert curious.unknown(both, places[::-1], np.ones(2)).tolist() == [True, False]
     curious.learn(one, np.array([[0.0, 4.0]], np.float32), np.array([[0.0, 4.0]], np.float32))
     assert curious.level == pytest.approx([1.0, 0.91])
     assert curious.marked.tolist() == [1, 3]
+
+
+def test_a_search_in_vain_begins_again_more_closely() -> None:
+    """Without a new place for longer than the patience, marks are forgotten and reach less far, a few times."""
+    curious = Curiosity(2, 8, 1.0, 0.1, 0.1, Cpu(paper_learner()[1].encoding, 2))
+    both, start, near = np.array([0, 1]), np.zeros((2, 2), np.float32), np.full((2, 2), 0.6, np.float32)
+    for begun in range(1, SEARCHES + 3):
+        curious.learn(both, start, start)
+        for _ in range(4):
+            curious.learn(both, start, start)
+            curious.search_again(both[:1], 4)
+        curious.learn(both, start, start)
+        curious.search_again(both[:1], 4)
+        assert curious.searches.tolist() == [min(begun, SEARCHES), 0]
+        assert curious.marked.tolist() == [begun > SEARCHES, 1]
+    curious.learn(both, near, near)  # 0.85 away: beyond the reach of a closer search alone
+    assert curious.since.tolist() == [0, 6 * (SEARCHES + 2) - 1 + 1]
+
+
+def test_an_agent_that_has_made_every_movement_is_not_curious() -> None:
+    """Optimism about unknown places ends with the last movement that had never been made."""
+    _, learner = paper_learner(optimism=0.2)
+    learner.tried[:] = 1
+    learner.tried[0, -1] = 0
+    learner._set_optimism()
+    assert learner.optimism[0, 0] == pytest.approx(0.2)
+    learner.tried[:] = 1
+    learner._set_optimism()
+    assert not learner.optimism.any()
+
+
+def test_a_rest_that_relieves_has_an_advantage() -> None:
+    """The score of rest, and of nothing else, is lower: by a share, at most by what f says that it relieves."""
+    _, learner = paper_learner(reluctance=0.0, depth=1)
+    plain, rest = all_scores(learner, HERE), learner.moves.names.index("rest")
+    start = learner.f.weights.shape[1] - learner.count * (learner.components + 1)
+    tired = np.flatnonzero(learner.encoding.need)[-2]  # muscle fatigue, 0.3 here
+    relief = {}
+    for by in (-0.002, -0.2, 0.1):
+        learner.f.weights[0, start + rest * (learner.components + 1) + tired] = by / learner.encoding.unit[tired]
+        scored = all_scores(learner, HERE)
+        learner.settings = replace(learner.settings, reluctance=0.02)
+        relief[by] = scored - all_scores(learner, HERE)
+        learner.settings = replace(learner.settings, reluctance=0.0)
+        assert not np.delete(relief[by], rest).any()
+        after = HERE.copy()
+        after[0, tired] += by
+        less = float((learner.drive(HERE) - learner.drive(after))[0])
+        assert relief[by][rest] == pytest.approx(min(0.02 * scored[rest], max(less, 0.0)), abs=1e-5)
+    assert relief[-0.2][rest] > relief[-0.002][rest] > relief[0.1][rest] == 0
+    assert plain[rest] > 0
 
 
 def test_a_remembered_error_corrects_f_near_by() -> None:

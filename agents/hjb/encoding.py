@@ -83,6 +83,7 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
         polyak=f4(s.polyak),
         anchored=s.learn_value,
         slow=s.target_network,
+        decay_f=f4(s.decay_f),
         lazy=s.lazy_heads,
         where=where,
         nearness=np.select(

@@ -98,6 +98,7 @@ class HJB(Learner):
         self.generator = np.random.default_rng(draw.integers(2**62))
         self._hold_arrays(n)
         self.execution = Execution(self.moves, n, self.components)
+        self.idle = np.array([group.kinds[first] == "rest" for first in self.moves.action[:, 0]])  # (M,)
         self.more = np.zeros(n, np.int64)  # strides for which an exploratory walk continues
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.clock = np.zeros(n, np.int64)  # ticks acted
@@ -220,10 +221,12 @@ class HJB(Learner):
         """Set by how much J of unknown places is lowered; nothing in evaluation.
 
         The share grows with what is at stake, so an agent whose needs are met stays, and one that lacks something
-        searches. The young search even when they lack nothing.
+        searches. The young search even when they lack nothing. An agent that has made every movement has nothing
+        left to find.
         """
         if self.curious:
             s, level = self.settings, self.curiosity.level * (self.exploration is None)
+            level = level * (self.tried == 0).any(axis=1)
             young = self._youth() * self.encoding.centre_j / J_CENTRE
             optimism = np.column_stack([s.optimism * level, s.optimism_young * level * young])
             self.optimism[...] = self.device.on(optimism.astype(np.float32))
@@ -282,6 +285,9 @@ class HJB(Learner):
         self.tried[slots, chosen] += 1
         if self.cells and self.learning:
             self._recruit(slots, observations)
+            if self.curious:
+                searching = slots[(self.tried[slots] == 0).any(axis=1)]
+                self.curiosity.search_again(searching, self.settings.patience)
 
     def _scores(self, slots: np.ndarray, observations: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the HJB scores (k, M) of what is open to `slots` (k,), as the last update left them where it did."""
@@ -289,12 +295,45 @@ class HJB(Learner):
         is_same = (ahead.open[slots] == open_).all(axis=1) & (ahead.zeta[slots] == observations).all(axis=1)
         score, rest = ahead.score[slots], np.flatnonzero(~is_same)
         if rest.size:
-            score[rest] = self.scores(slots[rest], observations[rest], open_[rest])
-        return score
+            score[rest] = self.device.scores(
+                self.weights,
+                self.replay,
+                self.trace,
+                self._now()[slots[rest]],
+                slots[rest],
+                observations[rest],
+                open_[rest],
+            )
+        return self._prefer_rest(slots, observations, score)
 
     def scores(self, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the score (k, M), drive units, of the open movements of `slots` (k,) at zeta (k, D); else infinity."""
-        return self.device.scores(self.weights, self.replay, self.trace, self._now()[slots], slots, zeta, open_)
+        ages = self._now()[slots]
+        score = self.device.scores(self.weights, self.replay, self.trace, ages, slots, zeta, open_)
+        return self._prefer_rest(slots, zeta, score)
+
+    def _prefer_rest(self, slots: np.ndarray, zeta: np.ndarray, score: np.ndarray) -> np.ndarray:
+        """Return scores (k, M) of `slots` (k,) at zeta (k, D) in which rest has its advantage."""
+        if self.settings.reluctance:
+            share, relief = self.rest_terms(slots, zeta)
+            score -= np.clip(share * score, 0, relief)
+        return score
+
+    def rest_terms(self, slots: np.ndarray, zeta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the terms of the advantage of rest, a share of its score (k, 1) and at most its relief (k, M).
+
+        The least of many scores with errors is too low (van Hasselt 2010), and there are many ways to walk but one to
+        rest, so an agent would walk wherever J is not exact, and tire for nothing. The share falls with the square root
+        of the learning rate, as the errors do. The relief is by how much rest lowers the drive by the needs that it
+        brings closer to their set points, as f predicts it: an agent that is not tired has no reason to rest.
+        """
+        share = self.settings.reluctance * np.sqrt(self.rate()[slots, None] / self.settings.learning_rate)
+        relief = np.zeros((len(slots), self.count), np.float32)
+        for rest in np.flatnonzero(self.idle):
+            change = self.device.expect(self.weights, slots, zeta, np.full(len(slots), rest))[:, :-1]
+            relieved = self.encoding.need & (np.abs(zeta + change) < np.abs(zeta))
+            relief[:, rest] = self.drive(zeta) - self.drive(np.where(relieved, zeta + change, zeta))
+        return share.astype(np.float32), relief.clip(min=0)
 
     def _now(self) -> np.ndarray:
         """Return for how long every agent has acted, (n,), units of time."""
@@ -424,7 +463,7 @@ class HJB(Learner):
         return (
             self.execution.arrays()
             | {name: getattr(self, name) for name in own}
-            | {"curiosity": self.curiosity.level}
+            | {"curiosity": self.curiosity.level, "searches": self.curiosity.searches, "since": self.curiosity.since}
             | ahead
             | trace
             | {"memory.count": self.memory.count}

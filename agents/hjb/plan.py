@@ -53,7 +53,7 @@ def best_plan(learner: HJB, slot: int, zeta: np.ndarray, open_: np.ndarray) -> P
     past = RecalledErrors._make((*trace, now, memory.zeta[slot], memory.open[slot], memory.count[slot]))
     first = torch.from_numpy(np.ascontiguousarray(zeta, np.float32))
     with torch.no_grad(), _one_thread():
-        best = _search(s, own, past, first, open_)
+        best = _search(s, own, past, first, open_, learner.rest_terms(np.array([slot]), first.numpy()[None]))
     return dataclasses.replace(best, options=tuple(learner.moves.names[int(m)] for m in best.options))
 
 
@@ -68,8 +68,10 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _search(s: Encoding, own: Agent, past: RecalledErrors, first: Tensor, open_: np.ndarray) -> Plan:
-    """Return the best plan at `first` (D,), its options by index."""
+def _search(
+    s: Encoding, own: Agent, past: RecalledErrors, first: Tensor, open_: np.ndarray, rest: tuple[np.ndarray, np.ndarray]
+) -> Plan:
+    """Return the best plan at `first` (D,), its options by index; `rest` are the terms of the advantage of rest."""
     zeta = first.numpy()
     nodes = Nodes(first[None], np.zeros(1), np.ones(1), open_[None], np.zeros(1), [()], [(zeta,)])
     for depth in range(s.depth):
@@ -78,8 +80,11 @@ def _search(s: Encoding, own: Agent, past: RecalledErrors, first: Tensor, open_:
             nodes = _take(nodes, _best(s, nodes))
             if past.count:  # without any decision behind it, what is open now may be open then
                 nodes = nodes._replace(open=past.open[_nearest(s, past, nodes.state)])
-    at = int(np.argmin(nodes.score))
-    return Plan(tuple(map(str, nodes.ways[at])), np.stack(nodes.states[at]), float(nodes.score[at]))
+    share, relief = rest
+    roots = [way[0] for way in nodes.ways]
+    score = nodes.score - np.clip(share[0] * nodes.score, 0, relief[0, roots])
+    at = int(np.argmin(score))
+    return Plan(tuple(map(str, nodes.ways[at])), np.stack(nodes.states[at]), float(score[at]))
 
 
 def _expand(s: Encoding, own: Agent, past: RecalledErrors, nodes: Nodes) -> Nodes:

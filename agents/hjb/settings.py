@@ -53,6 +53,8 @@ class HJBSettings:
     mark_reach: float = 1.25  # length around a place reached that counts as known
     aim_reach: float = 0.5  # length around a place aimed at in vain that counts as known
     boredom: float = 0.1  # rate at which curiosity follows the share of attempts that found a new place
+    patience: int = 100  # decisions without a new place after which a search begins again, more closely
+    reluctance: float = 0.02  # share of the score of rest by which other movements must be better at birth
     near: float = 0.25  # length, standard deviation of the kernel that weighs remembered errors by distance
     near_angle: float = 0.6  # radians, standard deviation of the same kernel for angles
     searched: int = 4000  # latest decisions that are searched for the open movements at a predicted state
@@ -62,6 +64,9 @@ class HJBSettings:
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016), by which an agent acts
     polyak: float = 0.03  # share by which the slow copy follows J per gradient step
     target_explores: bool = True  # the target is that of an agent that explores with `epsilon_final`
+    decay_f: float = (
+        0.1  # decay of the weights of f's heads, per unit of the learning rate (Loshchilov and Hutter 2019)
+    )
     lazy_heads: bool = False  # Adam does not move heads of f that no decision of the batch trained
     inherit: bool = False  # a newborn starts from what its parent has learned, not from nothing
     mutation: float = 0.0  # standard deviation of inherited weights, relative to each layer's root mean square
@@ -77,13 +82,25 @@ class HJBSettings:
 RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
     (("gamma",), "between 0 and 1, both excluded", lambda v: 0 < v < 1),
     (
-        ("epsilon", "epsilon_final", "recent_share", "imagined", "optimism", "optimism_young"),
+        ("epsilon", "epsilon_final", "recent_share", "imagined", "optimism", "optimism_young", "reluctance"),
         "from 0 to 1",
         lambda v: 0 <= v <= 1,
     ),
-    (("place_cells", "mutation", "errors", "tries", "relative_weight"), "0 or more", lambda v: v >= 0),
+    (("place_cells", "mutation", "errors", "tries", "relative_weight", "decay_f"), "0 or more", lambda v: v >= 0),
     (
-        ("width", "batch", "batch_f", "recent", "memory", "updates", "persistence", "depth", "beam", "searched"),
+        (
+            "width",
+            "batch",
+            "batch_f",
+            "recent",
+            "memory",
+            "updates",
+            "persistence",
+            "depth",
+            "beam",
+            "searched",
+            "patience",
+        ),
         "1 or more",
         lambda v: v >= 1,
     ),
@@ -112,8 +129,10 @@ ALGORITHM1: Mapping[str, Any] = {
     "intra_option": False,
     "target_network": False,
     "lazy_heads": True,
+    "decay_f": 0.0,
     "depth": 1,
     "errors": 0,
+    "reluctance": 0.0,
     "tries": 0,
     "updates": 1,
     "polyak": 0.1,
@@ -138,6 +157,7 @@ LEAN: Mapping[str, Any] = {
     "errors": 0,
     "recent_share": 0.4,
     "relative_weight": 2,
+    "reluctance": 0.0,
 }
 
 

@@ -58,6 +58,14 @@ def adam(row, g, start, stop, size, floor):
 
 
 @within
+def shrink(row, start, stop, factor):
+    """Shrink the weights from `start` to `stop` by a factor: decay apart from the gradient (Loshchilov 2019)."""
+    w = row.w[start:stop]
+    for i in range(len(w)):
+        w[i] *= factor
+
+
+@within
 def adam_across(row, start, x, up, size, floor, soon):
     """The same for the weights (k, H) from `start` on, whose gradient is x (b, k) transposed times up (b, H), b <= 2.
 
@@ -80,11 +88,11 @@ def adam_across(row, start, x, up, size, floor, soon):
 
 
 @within
-def step(s, row, g, rate, extent, trained, scratch, soon):
+def step(s, row, g, rate, decay, extent, trained, scratch, soon):
     """Take one step for one agent, after `learn_f` or `learn_j`.
 
-    Of the last layer only the heads `trained` (M,) move; all have as many outputs. The step counts of the hidden
-    layers and of every head that moves are brought up to date.
+    Of the last layer only the heads `trained` (M,) move; all have as many outputs, and their weights decay. The step
+    counts of the hidden layers and of every head that moves are brought up to date.
     """
     width = s.width
     ends = extent.inputs * width
@@ -107,5 +115,7 @@ def step(s, row, g, rate, extent, trained, scratch, soon):
         if trained[o]:
             row.steps[1 + o] += 1
             size, floor = correct(rate, row.steps[1 + o])
+            if decay > ZERO:
+                shrink(row, last + o * each * width, last + (o + 1) * each * width, ONE - F(rate) * decay)
             adam(row, g, last + o * each * width, last + (o + 1) * each * width, size, floor)
             adam(row, g, biases + o * each, biases + (o + 1) * each, size, floor)

@@ -104,7 +104,7 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
     base = len(s.plain) + 2 * len(s.angle)
     inputs = base + own.centres.shape[1]
     row = Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i])
-    step(s, row, batch.g_f, rate, Extent(base + own.cells, inputs, bf), batch.trained, scratch, weights.J[i])
+    step(s, row, batch.g_f, rate, s.decay_f, Extent(base + own.cells, inputs, bf), batch.trained, scratch, weights.J[i])
     if bf <= FEW:
         _, _, _, _, g3, gb3 = layers(batch.g_f, inputs, s.width)
         for r in range(bf):
@@ -141,7 +141,7 @@ def train_j(s, weights, replay, sampling, i, rate, batch, scratch):
     base = len(s.plain) + 2 * len(s.angle)
     extent = Extent(base + own.cells, base + own.centres.shape[1], b if s.finite or s.minimum else 2 * b)
     row = Row(weights.J[i], weights.J_first[i], weights.J_second[i], weights.J_steps[i])
-    step(s, row, batch.g_j, rate, extent, batch.always, scratch, weights.f[min(i + 1, len(weights.f) - 1)])
+    step(s, row, batch.g_j, rate, ZERO, extent, batch.always, scratch, weights.f[min(i + 1, len(weights.f) - 1)])
     if s.slow:
         follows, leads = weights.target[i], weights.J[i]
         for p in range(len(follows)):

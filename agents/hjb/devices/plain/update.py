@@ -42,7 +42,8 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
     loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration))
     loss.backward()
     trained = np.isin(np.arange(s.movements), movement.numpy()) if s.lazy else np.ones(s.movements, bool)
-    step(Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i]), leaves, rate, trained)
+    row = Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i])
+    step(row, leaves, rate, float(s.decay_f), trained)
     return loss.item()
 
 
@@ -67,7 +68,7 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
     loss = learn_j(s, own._replace(J=leaves), (zeta, movement, target, pace))
     loss.backward()
     row = Row(weights.J[i], weights.J_first[i], weights.J_second[i], weights.J_steps[i])
-    step(row, leaves, rate, np.ones(1, bool))
+    step(row, leaves, rate, 0.0, np.ones(1, bool))
     if s.slow:
         torch.from_numpy(weights.target[i]).lerp_(torch.from_numpy(weights.J[i]), s.polyak)
     return loss.item()

@@ -46,7 +46,8 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
     if s.lazy:
         ran = functional.one_hot(movement.clamp(min=0).long(), s.movements).bool()
         trained = (ran & (movement >= 0)[..., None]).any(1)
-    step(Row(weights.f, weights.f_first, weights.f_second, weights.f_steps), leaves, rate, learns, trained)
+    row = Row(weights.f, weights.f_first, weights.f_second, weights.f_steps)
+    step(row, leaves, rate, float(s.decay_f), learns, trained)
     return loss.detach()
 
 
@@ -71,7 +72,7 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
         loss = learn_j(s, own._replace(J=leaves), (zeta, movement, target, pace))
         loss.sum().backward()
     row = Row(weights.J, weights.J_first, weights.J_second, weights.J_steps)
-    step(row, leaves, rate, learns, torch.ones_like(learns))
+    step(row, leaves, rate, 0.0, learns, torch.ones_like(learns))
     if s.slow:
         weights.target.lerp_(weights.J, s.polyak * learns.float())
     return loss.detach()
