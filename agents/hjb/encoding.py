@@ -83,7 +83,7 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
         polyak=f4(s.polyak),
         anchored=s.learn_value,
         slow=s.target_network,
-        decay_f=f4(s.decay_f),
+        weight_decay=f4(s.weight_decay),
         lazy=s.lazy_heads,
         where=where,
         nearness=np.select(

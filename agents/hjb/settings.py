@@ -64,7 +64,7 @@ class HJBSettings:
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016), by which an agent acts
     polyak: float = 0.03  # share by which the slow copy follows J per gradient step
     target_explores: bool = True  # the target is that of an agent that explores with `epsilon_final`
-    decay_f: float = (
+    weight_decay: float = (
         0.1  # decay of the weights of f's heads, per unit of the learning rate (Loshchilov and Hutter 2019)
     )
     lazy_heads: bool = False  # Adam does not move heads of f that no decision of the batch trained
@@ -86,7 +86,7 @@ RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
         "from 0 to 1",
         lambda v: 0 <= v <= 1,
     ),
-    (("place_cells", "mutation", "errors", "tries", "relative_weight", "decay_f"), "0 or more", lambda v: v >= 0),
+    (("place_cells", "mutation", "errors", "tries", "relative_weight", "weight_decay"), "0 or more", lambda v: v >= 0),
     (
         (
             "width",
@@ -129,7 +129,7 @@ ALGORITHM1: Mapping[str, Any] = {
     "intra_option": False,
     "target_network": False,
     "lazy_heads": True,
-    "decay_f": 0.0,
+    "weight_decay": 0.0,
     "depth": 1,
     "errors": 0,
     "reluctance": 0.0,

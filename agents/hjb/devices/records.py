@@ -62,7 +62,7 @@ class Encoding(NamedTuple):
     polyak: np.float32  # share by which the slow copy of J follows it per update
     anchored: bool  # J is the drive plus the output of the network
     slow: bool  # whether there is a target network
-    decay_f: np.float32  # decay of the weights of f's heads, per unit of the learning rate
+    weight_decay: np.float32  # decay of the weights of f's heads, per unit of the learning rate
     lazy: bool  # Adam leaves heads of f alone that no decision of the batch trains
     where: Array  # int (W,) components of zeta that locate the agent: neither needs nor felt
     nearness: Array  # (W,) 1 / sd of each in the kernel that measures how near two states are

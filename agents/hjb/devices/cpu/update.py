@@ -104,7 +104,17 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
     base = len(s.plain) + 2 * len(s.angle)
     inputs = base + own.centres.shape[1]
     row = Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i])
-    step(s, row, batch.g_f, rate, s.decay_f, Extent(base + own.cells, inputs, bf), batch.trained, scratch, weights.J[i])
+    step(
+        s,
+        row,
+        batch.g_f,
+        rate,
+        s.weight_decay,
+        Extent(base + own.cells, inputs, bf),
+        batch.trained,
+        scratch,
+        weights.J[i],
+    )
     if bf <= FEW:
         _, _, _, _, g3, gb3 = layers(batch.g_f, inputs, s.width)
         for r in range(bf):

@@ -43,7 +43,7 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
     loss.backward()
     trained = np.isin(np.arange(s.movements), movement.numpy()) if s.lazy else np.ones(s.movements, bool)
     row = Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i])
-    step(row, leaves, rate, float(s.decay_f), trained)
+    step(row, leaves, rate, float(s.weight_decay), trained)
     return loss.item()
 
 

@@ -47,7 +47,7 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
         ran = functional.one_hot(movement.clamp(min=0).long(), s.movements).bool()
         trained = (ran & (movement >= 0)[..., None]).any(1)
     row = Row(weights.f, weights.f_first, weights.f_second, weights.f_steps)
-    step(row, leaves, rate, float(s.decay_f), learns, trained)
+    step(row, leaves, rate, float(s.weight_decay), learns, trained)
     return loss.detach()
 
 
