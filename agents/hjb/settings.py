@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ecology.errors import EcologyError
+
+if TYPE_CHECKING:
+    from ecology.heredity import LearnerTrait
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +76,23 @@ class HJBSettings:
                 value = getattr(self, name)
                 if not (math.isfinite(value) and holds(value)):
                     raise EcologyError(f"learner setting {name} must be {rule}, got {value!r}.")
+
+
+# settings that agents can inherit, each a number of its own: they shape no array and no schedule
+HERITABLE = (
+    "gamma", "youth", "epsilon", "epsilon_final", "settling", "learning_rate", "learning_rate_final", "optimism",
+    "optimism_young", "polyak", "mutation",
+)  # fmt: skip
+
+
+def check_bounds(settings: HJBSettings, trait: LearnerTrait) -> None:
+    """Raise EcologyError where a setting that agents inherit could leave its limits."""
+    for bound in trait.bounds:
+        changed: dict[str, Any] = {trait.setting: float(bound)}
+        try:
+            dataclasses.replace(settings, **changed)
+        except EcologyError as error:
+            raise EcologyError(f"the trait {trait.name!r} has bounds {trait.bounds!r}: {error}") from error
 
 
 RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
