@@ -133,6 +133,13 @@ def make(
     for key in settings_:
         if key not in known:  # told here: several learners are of one class
             raise EcologyError(f"the learner {name} has no setting {key!r}. {nearest(key, known)}")
+    for trait in group.inherited:
+        if trait.setting not in cls.heritable:
+            can = f"it can be {', '.join(cls.heritable)}" if cls.heritable else "no setting of it can be"
+            raise EcologyError(
+                f"the trait {trait.name!r} of {group.name!r} is of learner.{trait.setting}, which cannot be a trait of "
+                f"the learner {name}: {can}. Choose another learner or another number."
+            )
     words = {"device": device} if cls.devices else {}
     return cls.with_settings(group, seed, {**known, **settings_}, **words)
 

@@ -83,6 +83,7 @@ class Learner(ABC):
 
     devices = False  # whether `with_settings` takes a device to compute on; else it is the CPU
     decides = False  # whether `decision` returns decisions
+    heritable: Collection[str] = ()  # settings that agents can inherit, see `adopt`
 
     def __init__(self, group: Group, seed: np.random.SeedSequence) -> None:
         self.group = group
@@ -132,6 +133,13 @@ class Learner(ABC):
 
     def born(self, slots: np.ndarray, parents: np.ndarray) -> None:  # noqa: B027
         """Begin a new life in `slots` (k,); `parents` (k,) are rows of this species, -1: came from outside."""
+
+    def adopt(self, settings: Mapping[str, np.ndarray]) -> None:  # noqa: B027
+        """Use the settings that agents have inherited as traits, by name (n,), those of `heritable` among them.
+
+        The loop calls it before every tick, and before `born` of those who are born. A learner that has none of
+        them, such as a baseline, ignores it.
+        """
 
     def interrupted(self, slots: np.ndarray) -> None:  # noqa: B027
         """Handle agents in `slots` (k,) that were moved or changed from outside between two ticks.

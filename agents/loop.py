@@ -71,11 +71,14 @@ def advance(
     """
     observers = tuple(observers)
     groups = [(group, learners[group.name]) for group in env.groups.values()]
+    inherits = any(group.inherited for group, _ in groups)
     actions = np.zeros(env.size, np.int64)
     if isinstance(tick, ScheduledTick) and env.state_view.tick == 0:
         report(env, observers, tick)
     for _ in range(ticks):
         before = tick if between is None else between(tick)
+        if inherits:
+            adopt(env, learners)
         for group, learner in groups:
             began = clock()
             chosen = learner.act(before.observations[group.name], before.masks[group.name])
@@ -92,6 +95,8 @@ def advance(
         lived = tick if scheduled is None else scheduled.lived
         alive = lived.alive & ~lived.born
         changed = bool((lived.died | lived.born).any())
+        if inherits:
+            adopt(env, learners)
         for group, learner in groups:
             if learner.learning:
                 began = clock()
@@ -119,6 +124,15 @@ def advance(
             if scheduled is not None:
                 report(env, observers, scheduled)
     return tick
+
+
+def adopt(env: Ecology, learners: Mapping[str, Learner]) -> None:
+    """Hand the learners the settings that their agents have inherited, as the world holds them now."""
+    for group in env.groups.values():
+        if group.inherited:
+            traits = env.state_view.trait
+            assert traits is not None
+            learners[group.name].adopt({each.setting: traits[group.slots, each.column] for each in group.inherited})
 
 
 def follow(env: Ecology, learners: Mapping[str, Learner], tick: ScheduledTick) -> None:

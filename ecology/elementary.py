@@ -164,6 +164,12 @@ def exp(x):  # type: ignore[no-untyped-def]
 
 
 @numba.vectorize(cache=True)
+def log(x):  # type: ignore[no-untyped-def]
+    """Return ln x of x > 0."""
+    return logarithm(x)
+
+
+@numba.vectorize(cache=True)
 def expm1(x):  # type: ignore[no-untyped-def]
     """Return e^x - 1, without loss for a small x."""
     return exponential_less_one(x)

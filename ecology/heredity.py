@@ -2,7 +2,8 @@
 
 `State.trait` (N, T) holds the values, a column per trait of the slot's own species. A child has each trait from one of
 its parents, by a coin where there are two, plus a normal mutation, kept within the bounds. What is said of one number
-of a species in the scenario then is said of every body by its own trait.
+of a species in the scenario then is said of every body by its own trait. A setting of the learner is a trait like any
+other here: the world holds and inherits it, and only the learner knows what it means.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ecology import setpoints
-from ecology.errors import nearest
+from ecology.errors import EcologyError, nearest
 from ecology.spec import BODILY, Species, Trait, require
 from ecology.state import Bools, Floats, Ints, State
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from ecology.physiology import Body
 
 OTHERS = ("speed", "empathy.weight", "none")  # what else a trait can be of
+LEARNER = "learner."  # before the name of a setting of the species' learner
 STREAM = "heredity"  # of the random numbers
 
 
@@ -34,8 +36,17 @@ class Own(NamedTuple):
     species: str
     rows: slice
     column: int  # of `State.trait`
-    field: str  # of `Body`, or one of OTHERS
+    field: str  # of `Body`, one of OTHERS, or LEARNER and a setting
     need: int  # column of the need, -1 without
+
+
+class LearnerTrait(NamedTuple):
+    """A trait that is a setting of the learner; the world inherits it, and the learner reads it."""
+
+    name: str
+    setting: str
+    column: int  # of `State.trait`
+    bounds: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +82,12 @@ def read(species: Species, trait: Trait) -> tuple[str, int, float]:
     if need in names and field in BODILY:
         own_need = species.needs[names.index(need)]
         return field, names.index(need), float(getattr(own_need, field))
-    known = [*OTHERS, *(f"{name}.{field}" for name in names for field in BODILY)]
+    known = [*OTHERS, f"{LEARNER}SETTING", *(f"{name}.{field}" for name in names for field in BODILY)]
+    if trait.of.startswith(LEARNER) and field.isidentifier():
+        value = species.learner_settings.get(field) if trait.start is None else trait.start
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise EcologyError(f"{owner} needs a start: learner_settings of the species have no number {field!r}.")
+        return trait.of, -1, float(value)
     require(trait.of in OTHERS, f"{owner} is of {trait.of!r}, which cannot be inherited. {nearest(trait.of, known)}")
     if trait.of == "empathy.weight":
         sums = species.empathy is not None and species.empathy.form == "sum"
@@ -79,6 +95,15 @@ def read(species: Species, trait: Trait) -> tuple[str, int, float]:
         assert species.empathy is not None
         return trait.of, -1, float(species.empathy.weight)
     return trait.of, -1, 1.0 if trait.of == "speed" else float(np.mean(trait.bounds))
+
+
+def learner_traits(species: Species) -> tuple[LearnerTrait, ...]:
+    """Return the traits of a species that are settings of its learner."""
+    return tuple(
+        LearnerTrait(trait.name, trait.of.removeprefix(LEARNER), column, trait.bounds)
+        for column, trait in enumerate(species.traits)
+        if trait.of.startswith(LEARNER)
+    )
 
 
 def check_traits(species: Species) -> None:

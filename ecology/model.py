@@ -17,7 +17,7 @@ from ecology.errors import EcologyError, nearest
 from ecology.fields import Fields, compile_fields
 from ecology.ground import Ground, Plane, ground_of
 from ecology.hauling import Hauling, compile_hauling
-from ecology.heredity import Heredity, compile_heredity
+from ecology.heredity import Heredity, LearnerTrait, compile_heredity, learner_traits
 from ecology.life_stages import Stages, compile_stages
 from ecology.physiology import Body
 from ecology.powers import Slot, compile_memory
@@ -44,6 +44,7 @@ class Group:
     turns: Floats  # (A,) radians per unit of time
     durations: Floats  # (A,) minimal durations, units of time
     dt: float
+    inherited: tuple[LearnerTrait, ...] = ()  # settings of the learner that are traits
 
     @property
     def size(self) -> int:
@@ -194,6 +195,7 @@ def compile_model(scenario: Scenario) -> Model:
             turns=tables[i].turn,
             durations=tables[i].duration,
             dt=dt,
+            inherited=learner_traits(s),
         )
         for i, s in enumerate(species)
     }

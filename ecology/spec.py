@@ -1053,8 +1053,9 @@ class Trait:
     """A number of a species that differs from body to body and is inherited.
 
     `of` says which: "NEED.set_point", "NEED.decay", "NEED.leak", "NEED.ageing", "NEED.noise", "speed" (a factor of the
-    speed of all actions), "empathy.weight" (of the sum form), or "none" for a marker without any effect. A child has it
-    from its parent, from either of two by a coin, with a normal mutation, kept within the bounds.
+    speed of all actions), "empathy.weight" (of the sum form), "learner.SETTING" (a number of the species' learner, as
+    "learner.epsilon_final"), or "none" for a marker without any effect. A child has it from its parent, from either of
+    two by a coin, with a normal mutation, kept within the bounds.
     """
 
     name: str

@@ -6,7 +6,8 @@ prey taken yields e newborn predators; predators die at m:
     dN/dt = r N (1 - N / K) - a N P / (1 + a h N),    dP/dt = e a N P / (1 + a h N) - m P
 
 The equilibrium N = m / (a (e - m h)) is stable up to K_c = (e + m h) / (a h (e - m h)), with a limit cycle above it.
-All agents are placed at random in every tick, as the equations assume. Numbers are `scale` times those of the equations
+All agents are placed at random in every tick, as the equations assume. With `hungry`, predators have a reason to hunt,
+which learners need: energy that a kill gives. Numbers are `scale` times those of the equations
 with a = .001, h = 10, e = .5, m = .015: the larger `scale`, the smaller the role of chance.
 """
 
@@ -21,6 +22,7 @@ from ecology import Arena, Birth, Hazard, Need, Outcome, Scenario, Species, Worl
 
 FINDS, HANDLES, BORN, DIES = 0.001, 10.0, 0.5, 0.015  # a, h, e, m
 REACH = 1.0  # length
+HUNGER = 0.005  # energy that predators lose per unit of time; a kill gives 1
 N_REST = DIES / (FINDS * (BORN - DIES * HANDLES))
 K_CRITICAL = (BORN + DIES * HANDLES) / (FINDS * HANDLES * (BORN - DIES * HANDLES))
 
@@ -31,9 +33,14 @@ def p_rest(capacity: float, growth: float) -> float:
 
 
 def build(
-    capacity: float = 150.0, growth: float = 0.05, scale: float = 4.0, dt: float = 0.5, ticks: int = 6_000
+    capacity: float = 150.0,
+    growth: float = 0.05,
+    scale: float = 4.0,
+    dt: float = 0.5,
+    hungry: bool = False,
+    ticks: int = 6_000,
 ) -> Scenario:
-    """Return the world; `capacity` is K and `growth` r of the equations."""
+    """Return the world; `capacity` is K and `growth` r of the equations, `hungry` lets predators gain by a kill."""
     side = math.sqrt(scale * math.pi * REACH**2 / (FINDS * dt))
     predators = max(round(scale * p_rest(max(capacity, 1.2 * N_REST), growth)), 1)
 
@@ -48,14 +55,16 @@ def build(
         outcome.parents = {"predator": bearing}
         return outcome
 
+    ease = Need(name="ease", set_point=1.0)
+    energy = Need(name="energy", set_point=10.0, start=5.0, decay=HUNGER, bounds=(0.0, math.inf))
     common: dict[str, Any] = {
-        "needs": (Need(name="ease", set_point=1.0),),
         "radius": REACH,
         "solid": False,
         "senses": (),
     }
     prey = Species(
         name="prey",
+        needs=(ease,),
         actions=(rest(),),
         count=round(scale * N_REST * 1.1),
         capacity=round(scale * capacity * 1.1),
@@ -65,7 +74,8 @@ def build(
     )
     predator = Species(
         name="predator",
-        actions=(rest(), bite("prey", reach=REACH, duration=HANDLES)),
+        needs=(energy if hungry else ease,),
+        actions=(rest(), bite("prey", reach=REACH, duration=HANDLES, gain={"energy": 1.0} if hungry else {})),
         count=predators,
         capacity=5 * predators,
         birth=Birth(rate=0.0),

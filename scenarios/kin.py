@@ -20,7 +20,7 @@ import numpy as np
 from ecology import Arena, Birth, Empathy, Need, Outcome, Scenario, Species, Trait, World, act, rest
 
 APART = 2.0  # length between groups
-LIFE, ENERGY = 5, 3.0  # ticks of a generation, the first without a chance; energy at birth
+LIFE, ENERGY = 5, 3.0  # ticks of a generation, the first without a chance; energy at birth in one of that length
 BENEFIT = 1.0  # b
 
 
@@ -32,14 +32,17 @@ def build(
     size: int = 8,
     mutation: float = 0.03,
     felt: bool = True,
+    life: int = LIFE,
     ticks: int = 1_000,
 ) -> Scenario:
     """Return the groups; with `varied` the cost is drawn from 0 to 1 at every opportunity, else it is `cost`.
 
     With `felt` False, w is only a number of each agent, and nothing is felt: fast, for agents that act by w itself.
+    A generation has `life` ticks; energy at birth grows with it, so that selection is as strong.
     """
     count = groups * size
     child = math.sqrt(relatedness)
+    energy = ENERGY * (life - 1) / (LIFE - 1)
 
     def rule(world: World, rng: np.random.Generator) -> Outcome:
         """Let givers give to a member of their group, set the next cost, and replace generations."""
@@ -61,9 +64,9 @@ def build(
         if varied:
             change = rng.random(len(living)) - state.internal[living, 1]
             outcome.received[living, 1], outcome.given[living, 1] = np.maximum(change, 0), np.maximum(-change, 0)
-        if (state.tick + 1) % LIFE == 0 and len(living):
-            energy = np.maximum(state.internal[living, 0] + outcome.received[living, 0] - outcome.given[living, 0], 0)
-            share = np.cumsum(energy) / energy.sum()
+        if (state.tick + 1) % life == 0 and len(living):
+            left = np.maximum(state.internal[living, 0] + outcome.received[living, 0] - outcome.given[living, 0], 0)
+            share = np.cumsum(left) / left.sum()
             founder = np.repeat(np.searchsorted(share, rng.random(groups)), size)
             anybody = np.searchsorted(share, rng.random(count))
             parent = np.where(rng.random(count) < child, founder, anybody)
@@ -71,10 +74,12 @@ def build(
             outcome.births, outcome.parents = {"agent": home}, {"agent": living[np.minimum(parent, len(living) - 1)]}
         return outcome
 
+    weight = "empathy.weight" if felt else "none"
+    care = Trait(name="care", of=weight, bounds=(0.0, 1.0), mutation=mutation, start=0.5, spread=0.3)
     agent = Species(
         name="agent",
         needs=(
-            Need(name="energy", set_point=4 * ENERGY, start=ENERGY, bounds=(-100.0, 100.0)),
+            Need(name="energy", set_point=4 * energy, start=energy, bounds=(-100.0, max(100.0, 8 * energy))),
             Need(name="cost", set_point=0.0, start=0.5 if varied else cost, bounds=(0.0, 1.0), regulated=False),
         ),
         actions=(rest(), act("give")),
@@ -84,16 +89,7 @@ def build(
         solid=False,
         senses=(),
         empathy=Empathy(weight=0.5, within=APART / 4) if felt else None,
-        traits=(
-            Trait(
-                name="care",
-                of="empathy.weight" if felt else "none",
-                bounds=(0.0, 1.0),
-                mutation=mutation,
-                start=0.5,
-                spread=0.3,
-            ),
-        ),
+        traits=(care,),
         learner="random",
     )
     return Scenario(

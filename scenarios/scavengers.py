@@ -2,6 +2,8 @@
 
 A carcass holds the flesh of the body and the energy that it still had, and rots. So the scavengers get what the grazers
 do not use up: grazers * mortality * (flesh + energy), less what rots before it is found.
+
+With a `childhood`, young grazers are small and slow and use more energy: a stage of life.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ecology import Arena, Birth, Growth, Hazard, Need, Remains, Resource, Scenario, Species
+from ecology import Arena, Birth, Growth, Hazard, Need, Remains, Resource, Scenario, Species, Stage
 
 from ecology import consume, go_to, move, rest, turn  # isort: skip
 
@@ -32,13 +34,14 @@ def _eats(name: str, food: str, count: int, decay: float, sight: float, **words:
 
 def build(
     grazers: int = 40, scavengers: int = 8, patches: int = 16, regrowth: float = 0.01, side: float = 13.0,
-    mortality: float = 0.001, flesh: float = 0.5, rot: float = 0.005, ticks: int = 20_000,
+    mortality: float = 0.001, flesh: float = 0.5, rot: float = 0.005, childhood: float = 0.0, ticks: int = 20_000,
 ) -> Scenario:  # fmt: skip
     """Return the meadow, a walled square.
 
     `mortality` of grazers and `rot` of carcasses are shares per unit of time; `flesh` is what the body of a grazer
-    yields besides its energy.
+    yields besides its energy. Grazers are fawns up to the age `childhood`, time; 0 is none.
     """
+    fawn = Stage(name="fawn", speed=0.6, size=0.6, metabolism=1.3)
     grass = Resource(name="grass", count=patches, radius=0.4, stock=1.0, capacity=2.0, growth=Growth(rate=regrowth))
     carcass = Resource(
         name="carcass", count=3 * grazers, radius=0.3, stock=0.0, capacity=2.0, decay=rot, gone_below=0.02
@@ -51,7 +54,8 @@ def build(
         species=(
             _eats("grazer", "grass", grazers, 0.0025, 3.0, hazard=Hazard(rate=mortality),
                   birth=Birth(rate=0.008, maturity=100.0, **fed),
-                  remains=Remains(resource="carcass", needs={"energy": 1.0}, body=flesh)),
+                  remains=Remains(resource="carcass", needs={"energy": 1.0}, body=flesh),
+                  stages=(fawn, Stage(name="adult", age=childhood)) if childhood > 0 else ()),
             _eats("scavenger", "carcass", scavengers, 0.001, 6.0, hazard=Hazard(rate=mortality / 4),
                   birth=Birth(rate=0.002, maturity=200.0, **fed)),
         ),

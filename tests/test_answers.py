@@ -12,6 +12,7 @@ from ecology.lab.certificate.cases import (
     all_cases,
     anticipation,
     choice,
+    enrichment,
     heat,
     hunting,
     inferred,
@@ -122,6 +123,51 @@ def test_giving_spreads_by_relatedness():
     assert strange["share"][-1] < 0.4
     assert max(kind["price"], strange["price"]) < 1e-12
     assert kin.threshold({0.0: 0.1, 0.5: 0.9}) == pytest.approx(0.25)
+
+
+def test_learners_of_kin_are_bred_as_scripted_agents_are(monkeypatch):
+    """The Price equation closes for learners too, and their rows say from which relatedness on they give."""
+    monkeypatch.setattr(kin, "FAMILIES", 4)
+    monkeypatch.setattr(kin, "BRED", 3)
+    life = kin.evolve_learners(0.5, 0.6, 0)
+    assert [len(life[what]) for what in ("mean", "share", "given")] == [3, 3, 3]
+    assert life["price"] < 1e-12
+    assert all(0 <= share <= 1 for share in life["given"])
+    level = dict(zip(kin.RELATED, (0.0, 0.1, 0.4, 0.7, 1.0), strict=True))  # half from r = .58 on
+    done = {
+        f"learned-0.6-{r:g}-{seed}": {"mean": [r], "share": [share], "given": [1.0], "price": 0.0}
+        for r, share in level.items()
+        for seed in range(answers.SEEDS)
+    }
+    rows = {row.what: row for row in kin.case().rows(done)}
+    assert rows["f/J: relatedness from which half of the weights are above c/b, c/b 0.6"].mean() == pytest.approx(
+        7 / 12
+    )
+    assert rows["f/J: relatedness from which half of all acts are gifts, c/b 0.6"].mean() == 0.0
+
+
+def test_predators_learn_to_hunt_in_enrichment():
+    """Lineages learn to take most of the possible bites, and rows of learners that are as theory says agree."""
+    life = enrichment.measure_learner(150.0, 0, ticks=500)
+    assert life["taken"] > 0.5
+    done = {
+        f"learned-{k:g}-{seed}": {**life, "taken": 0.8, "cv": k / 500, "prey": enrichment.N_REST / 0.8}
+        for k in enrichment.AMONG
+        for seed in range(answers.SEEDS)
+    }
+    done |= {f"scripted-{k:g}-0": {**life, "cv": k / 400} for k in enrichment.CAPACITIES}  # varies by 0.6 from 240 on
+    rows = {row.what.split(",")[0]: row for row in enrichment.case().rows(done) if row.what.startswith("f/J")}
+    assert rows["f/J: prey at rest"].says() == "agrees"
+    assert rows["f/J: K from which prey vary by 0.6"].closed == pytest.approx(1.25)
+    assert rows["f/J: K from which prey vary by 0.6"].mean() == pytest.approx(300 / 240)
+    assert enrichment.crossing({100.0: 0.1, 200.0: 0.2}) == 200.0
+
+
+def test_hunters_that_learn_are_compared_early_and_late():
+    """The catch of a learner is that of a block of its life, not of all of it."""
+    blocks = [float(k) for k in range(hunting.LIVED // hunting.BLOCK)]
+    found = hunting.case().rows({f"learned-1-{seed}": blocks for seed in range(8)})
+    assert [row.mean() for row in found] == [1.0, blocks[-1]]
 
 
 def test_nights_are_survived_by_the_larger_z():

@@ -19,6 +19,7 @@ from ecology import (
     go_to,
     move,
     physiology,
+    scenarios,
 )
 from ecology.agents import make
 
@@ -366,3 +367,25 @@ def test_worlds_without_them_hold_nothing_more():
     model = env.world.model
     assert env.state_view.set_point is None
     assert (model.moving, model.stages, model.body.form) == (None, None, None)
+
+
+def test_fawns_of_the_meadow_are_slow_and_hungry_until_they_are_grown():
+    """In `scavengers` with a childhood, a young grazer walks at 0.6 of the speed and loses 1.3 times the energy."""
+    env = start(scenarios.load("scavengers", childhood=50.0, mortality=0.0))
+    rows = env.groups["grazer"].slots
+    living = np.flatnonzero(env.state_view.alive[rows])
+    for age, walk, loss in ((10.0, 0.072, 1.3 * 0.0025), (60.0, 0.12, 0.0025)):
+        env.set_state(age=np.full(env.size, age))
+        before = env.state_view.copy()
+        env.step_arrays(ask(env, grazer="walk"))
+        now = env.state_view
+        way = np.linalg.norm(now.position - before.position, axis=1)[rows][living]
+        assert np.median(way) == pytest.approx(walk)  # walls stop a few
+        assert (before.internal - now.internal)[rows][living, 0] == pytest.approx(loss)
+    assert not scenarios.load("scavengers").species[0].stages
+
+
+@pytest.mark.parametrize("holds", contract.CHECKS)
+def test_a_meadow_with_fawns_keeps_the_contract(holds):
+    """Accounts close, and snapshots and copies go on bit for bit, as bodies grow."""
+    contract.CHECKS[holds](scenarios.load("scavengers", childhood=20.0, grazers=10, scavengers=3, side=7.0), 60)

@@ -116,6 +116,7 @@ class DecisionRecord:
         """Return what the agent in `slot` would decide at zeta (D,) with the movements `open_` (M,)."""
         learner = self.learner
         s, layout = learner.settings, learner.group.layout
+        gamma = float(np.broadcast_to(learner.number("gamma"), learner.size)[slot])
         predicted = learner.predict(slot, zeta[None])
         change, duration = predicted["change"][0], predicted["duration"][0]  # (M, D), (M,)
         whole = s.finite_difference
@@ -127,10 +128,10 @@ class DecisionRecord:
         here = float(learner.deviation(slot, zeta[None])[0])
         ahead = learner.deviation(slot, after.astype(np.float32))
         if whole:
-            slope = (ahead - here) / (-np.log(s.gamma) * step)
+            slope = (ahead - here) / (-np.log(gamma) * step)
         else:
             climb = change / duration[:, None] * learner.slope(slot, zeta[None])[0]
-            slope = climb.sum(axis=1) / -np.log(s.gamma)
+            slope = climb.sum(axis=1) / -np.log(gamma)
         at, every = np.ascontiguousarray(zeta[None], np.float32), np.ones((1, learner.count), bool)
         open_, here_slot = open_[None], np.array([slot])  # what is open competes for the beam alone
         score = np.where(open_, learner.scores(here_slot, at, open_), learner.scores(here_slot, at, every))[0]
@@ -145,7 +146,7 @@ class DecisionRecord:
             explored=False,
             learned=bool(np.isfinite(learner.loss_j[slot]) or inherited),
             value=here,
-            gamma=s.gamma,
+            gamma=gamma,
             error=self._error(slot),
             zeta=np.array(zeta),
             after=after,

@@ -30,7 +30,7 @@ from ecology.agents.hjb.encoding import J_CENTRE, count_cells, encode
 from ecology.agents.hjb.execution import Execution
 from ecology.agents.hjb.memory import Memory
 from ecology.agents.hjb.networks import Perceptrons
-from ecology.agents.hjb.settings import HJBSettings
+from ecology.agents.hjb.settings import HERITABLE, HJBSettings, check_bounds
 from ecology.agents.movements import ARRIVES, Movements, adaptive, single_ticks
 from ecology.decision import Decision, Plan
 
@@ -48,6 +48,7 @@ class HJB(Learner):
 
     devices = True
     decides = True
+    heritable = HERITABLE
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -82,6 +83,11 @@ class HJB(Learner):
         super().__init__(group, seed)
         self.settings = s = settings or HJBSettings()
         n = group.size
+        self.personal: dict[str, np.ndarray] = {}  # settings that differ from agent to agent, (n,) each
+        for trait in group.inherited:
+            check_bounds(s, trait)
+        top = {trait.setting: trait.bounds[1] for trait in group.inherited}
+        self.mutates = top.get("mutation", s.mutation) > 0
         self.moves: Movements = (
             adaptive(group, bearings=s.bearings, stride=s.stride, pause=s.pause, meal=s.meal)
             if s.adaptive_steps
@@ -89,7 +95,7 @@ class HJB(Learner):
         )
         self.components, self.count = len(group.layout.kinds), len(self.moves.names)
         self.cells = count_cells(group, s)
-        self.curious = self.cells > 0 and s.optimism > 0 and s.finite_difference
+        self.curious = self.cells > 0 and top.get("optimism", s.optimism) > 0 and s.finite_difference
         self.encoding = encode(group, s, self.moves)
         self.device = devices.make(device, self.encoding, n)
         # the seed's first child, made here: `seed.spawn` would change the caller's seed
@@ -129,7 +135,9 @@ class HJB(Learner):
             self.f.weights, self.f.first, self.f.second, self.f.steps,
             self.J.weights, self.J.first, self.J.second, self.J.steps,
             self.target, self.cell_centre, self.cell_count, self.optimism, self.curiosity.marks, self.curiosity.marked,
+            *(at.zeros((n,), np.float32) for _ in range(3)),
         )  # fmt: skip
+        self._set_constants()
         self.replay = Replay(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
         self.trace = Trace(
             np.zeros((n, s.errors, len(self.encoding.where)), np.float32),
@@ -144,6 +152,28 @@ class HJB(Learner):
             np.zeros((n, self.count), bool),
             np.zeros((n, self.count), np.float32),
         )
+
+    # ---- settings of every agent's own -----------------------------------------------------
+
+    def adopt(self, settings: Mapping[str, np.ndarray]) -> None:
+        """Use the settings that the agents have inherited, by name (n,)."""
+        if any(not np.array_equal(values, self.personal.get(name, ())) for name, values in settings.items()):
+            self.personal |= {name: np.array(values) for name, values in settings.items()}
+            self._set_constants()
+
+    def number(self, name: str) -> Any:
+        """Return the setting `name`: one number, or (n,) where agents inherit it."""
+        return self.personal.get(name, getattr(self.settings, name))
+
+    def _set_constants(self) -> None:
+        """Set the settings that the device computes with."""
+        w, explores = self.weights, self.settings.target_explores
+        for array, values in (
+            (w.log_gamma, elementary.log(self.number("gamma"))),
+            (w.explored, self.number("epsilon_final") * explores),
+            (w.polyak, self.number("polyak")),
+        ):
+            array[...] = self.device.on(np.full(self.size, values, np.float32))
 
     # ---- births and deaths ----------------------------------------------------------------
 
@@ -177,9 +207,10 @@ class HJB(Learner):
             array[to] = array[from_]
         for known in (self.curiosity.level, self.tried):
             known[heirs] = known[parents[own]]
-        if self.settings.mutation > 0:
-            self.f.mutate(heirs, self.settings.mutation)
-            noise = self.J.mutate(heirs, self.settings.mutation)
+        if self.mutates:
+            share = self.number("mutation") if "mutation" not in self.personal else self.personal["mutation"][heirs]
+            self.f.mutate(heirs, share)
+            noise = self.J.mutate(heirs, share)
             if self.settings.target_network:
                 self.target[to] += noise  # it mutates with J
 
@@ -210,12 +241,12 @@ class HJB(Learner):
         """Return the exploration rate of every agent, (n,), by its age."""
         if self.exploration is not None:
             return np.full(self.size, self.exploration)
-        s = self.settings
-        return s.epsilon_final + (s.epsilon - s.epsilon_final) * self._youth()
+        young, adult = self.number("epsilon"), self.number("epsilon_final")
+        return adult + (young - adult) * self._youth()
 
     def _youth(self) -> np.ndarray:
         """Return how young every agent is, (n,): 1 at birth, 1/e after the time `youth`."""
-        return elementary.exp(-self.age * self.group.dt / self.settings.youth)
+        return elementary.exp(-self.age * self.group.dt / self.number("youth"))
 
     def _set_optimism(self) -> None:
         """Set by how much J of unknown places is lowered; nothing in evaluation.
@@ -225,10 +256,10 @@ class HJB(Learner):
         left to find.
         """
         if self.curious:
-            s, level = self.settings, self.curiosity.level * (self.exploration is None)
-            level = level * (self.tried == 0).any(axis=1)
+            level = self.curiosity.level * (self.exploration is None) * (self.tried == 0).any(axis=1)
             young = self._youth() * self.encoding.centre_j / J_CENTRE
-            optimism = np.column_stack([s.optimism * level, s.optimism_young * level * young])
+            more = self.number("optimism_young") * level * young
+            optimism = np.column_stack([self.number("optimism") * level, more])
             self.optimism[...] = self.device.on(optimism.astype(np.float32))
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
@@ -314,7 +345,7 @@ class HJB(Learner):
 
     def _prefer_rest(self, slots: np.ndarray, zeta: np.ndarray, score: np.ndarray) -> np.ndarray:
         """Return scores (k, M) of `slots` (k,) at zeta (k, D) in which rest has its advantage."""
-        if self.settings.reluctance:
+        if np.any(self.number("reluctance")):
             share, relief = self.rest_terms(slots, zeta)
             score -= np.clip(share * score, 0, relief)
         return score
@@ -327,13 +358,13 @@ class HJB(Learner):
         of the learning rate, as the errors do. The relief is by how much rest lowers the drive by the needs that it
         brings closer to their set points, as f predicts it: an agent that is not tired has no reason to rest.
         """
-        share = self.settings.reluctance * np.sqrt(self.rate()[slots, None] / self.settings.learning_rate)
+        share = self.number("reluctance") * np.sqrt(self.rate() / self.number("learning_rate"))
         relief = np.zeros((len(slots), self.count), np.float32)
         for rest in np.flatnonzero(self.idle):
             change = self.device.expect(self.weights, slots, zeta, np.full(len(slots), rest))[:, :-1]
             relieved = self.encoding.need & (np.abs(zeta + change) < np.abs(zeta))
             relief[:, rest] = self.drive(zeta) - self.drive(np.where(relieved, zeta + change, zeta))
-        return share.astype(np.float32), relief.clip(min=0)
+        return share[slots, None].astype(np.float32), relief.clip(min=0)
 
     def _now(self) -> np.ndarray:
         """Return for how long every agent has acted, (n,), units of time."""
@@ -424,8 +455,8 @@ class HJB(Learner):
 
     def rate(self) -> np.ndarray:
         """Return the learning rate of every agent, (n,), by its age."""
-        s = self.settings
-        return np.maximum(s.learning_rate / (1 + self.age * self.group.dt / s.settling), s.learning_rate_final)
+        fall = 1 + self.age * self.group.dt / self.number("settling")
+        return np.maximum(self.number("learning_rate") / fall, self.number("learning_rate_final"))
 
     def compile_update(self) -> None:
         """Compile the update, which the first ticks do without, by updating no agent."""

@@ -45,9 +45,11 @@ class Perceptrons:
         for array in (self.first, self.second, self.steps):
             array[self.device.on(slots)] = 0
 
-    def mutate(self, slots: np.ndarray, share: float) -> Any:
-        """Add noise of `share` of each layer's root mean square to the weights of `slots`; return it (k, P)."""
+    def mutate(self, slots: np.ndarray, share: float | np.ndarray) -> Any:
+        """Add noise of `share`, also (k,), of each layer's root mean square to the weights of `slots`; return it."""
         rows = self.device.on(slots)
+        if isinstance(share, np.ndarray):
+            share = self.device.on(share.astype(np.float32)[:, None])
         noise = self.device.on(self.rng.standard_normal((len(slots), self.weights.shape[1]), np.float32))
         start = 0
         for fan_in, fan_out in itertools.pairwise(self.sizes):

@@ -18,7 +18,7 @@ from torch import Tensor
 from ecology.agents.hjb.devices.plain.encoding import drive
 from ecology.agents.hjb.devices.plain.networks import deviations, forecast
 from ecology.agents.hjb.devices.plain.scores import add_optimism
-from ecology.agents.hjb.devices.plain.update import agent_of
+from ecology.agents.hjb.devices.plain.update import agent_of, own_constants
 from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, Agent, Encoding, RecalledErrors
 from ecology.agents.hjb.devices.torch.encoding import on_device
 from ecology.decision import Plan
@@ -44,7 +44,7 @@ def best_plan(learner: HJB, slot: int, zeta: np.ndarray, open_: np.ndarray) -> P
 
     None if the learner does not score whole movements, or if its networks are not NumPy arrays.
     """
-    s = on_device(learner.encoding, torch.device("cpu"))
+    s = own_constants(on_device(learner.encoding, torch.device("cpu")), learner.weights, slot)
     if not s.finite or not isinstance(learner.weights.f, np.ndarray) or not open_.any():
         return None
     own = agent_of(s, learner.weights, slot, learner.weights.target[slot], learner.weights.optimism[slot])

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ecology.errors import EcologyError
+
+if TYPE_CHECKING:
+    from ecology.heredity import LearnerTrait
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +68,7 @@ class HJBSettings:
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016), by which an agent acts
     polyak: float = 0.03  # share by which the slow copy follows J per gradient step
     target_explores: bool = True  # the target is that of an agent that explores with `epsilon_final`
-    weight_decay: float = (
-        0.1  # decay of the weights of f's heads, per unit of the learning rate (Loshchilov and Hutter 2019)
-    )
+    weight_decay: float = 0.1  # of the weights of f's heads, per unit of the learning rate (Loshchilov and Hutter 2019)
     lazy_heads: bool = False  # Adam does not move heads of f that no decision of the batch trained
     inherit: bool = False  # a newborn starts from what its parent has learned, not from nothing
     mutation: float = 0.0  # standard deviation of inherited weights, relative to each layer's root mean square
@@ -77,6 +79,23 @@ class HJBSettings:
                 value = getattr(self, name)
                 if not (math.isfinite(value) and holds(value)):
                     raise EcologyError(f"learner setting {name} must be {rule}, got {value!r}.")
+
+
+# settings that agents can inherit, each a number of its own: they shape no array and no schedule
+HERITABLE = (
+    "gamma", "youth", "epsilon", "epsilon_final", "settling", "learning_rate", "learning_rate_final", "optimism",
+    "optimism_young", "reluctance", "polyak", "mutation",
+)  # fmt: skip
+
+
+def check_bounds(settings: HJBSettings, trait: LearnerTrait) -> None:
+    """Raise EcologyError where a setting that agents inherit could leave its limits."""
+    for bound in trait.bounds:
+        changed: dict[str, Any] = {trait.setting: float(bound)}
+        try:
+            dataclasses.replace(settings, **changed)
+        except EcologyError as error:
+            raise EcologyError(f"the trait {trait.name!r} has bounds {trait.bounds!r}: {error}") from error
 
 
 RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (

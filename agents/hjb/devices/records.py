@@ -45,7 +45,6 @@ class Encoding(NamedTuple):
     above: Array  # (D,) factor of what lies above its set point
     bent: bool  # whether power or any factor is another than the paper's, 2 and 1
     sharp: np.float32  # 1 / width^2 of a place cell
-    log_gamma: np.float32
     dt: np.float32
     centre_j: np.float32  # Jn = centre_j + spread_j x output
     spread_j: np.float32
@@ -59,7 +58,6 @@ class Encoding(NamedTuple):
     movements: int  # M
     finite: bool  # the score over a whole movement
     minimum: bool  # the min in L_J
-    polyak: np.float32  # share by which the slow copy of J follows it per update
     anchored: bool  # J is the drive plus the output of the network
     slow: bool  # whether there is a target network
     weight_decay: np.float32  # decay of the weights of f's heads, per unit of the learning rate
@@ -68,10 +66,13 @@ class Encoding(NamedTuple):
     nearness: Array  # (W,) 1 / sd of each in the kernel that measures how near two states are
     turning: Array  # bool (W,) which of them are angles
     length: Array  # (M,) ordinary length of a movement in ticks
-    explored: np.float32  # share of exploration that the target of J assumes
     depth: int  # movements that a decision looks ahead
     beam: int  # predicted states kept per depth
     searched: int  # newest decisions among which the one nearest to a predicted state is looked up
+    # the last three are an agent's own where a device computes for it: see `Weights`
+    log_gamma: np.float32
+    explored: np.float32  # share of exploration that the target of J assumes
+    polyak: np.float32  # share by which the slow copy of J follows it per update
 
 
 class Weights(NamedTuple):
@@ -91,6 +92,9 @@ class Weights(NamedTuple):
     optimism: Array  # (n, 2) by which J of unknown places is lowered: a share of it, and drive units
     marks: Array  # (n, 3, K) places visited or aimed at: x, y and squared reach
     marked: Array  # int (n,) how many
+    log_gamma: Array  # (n,) the last three of `Encoding`, of every agent
+    explored: Array  # (n,)
+    polyak: Array  # (n,)
 
 
 class Agent(NamedTuple):

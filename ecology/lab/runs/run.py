@@ -73,6 +73,7 @@ class Run:
         recorder.check_columns(self.scenario, self.learners)  # what cannot be recorded is told before it lives
         with _room(f"a world of {self.env.size} agents"):
             self.tick = self.env.reset_arrays(plan.seed)
+        loop.adopt(self.env, self.learners)
         if isinstance(self.tick, ScheduledTick):
             loop.follow(self.env, self.learners, self.tick)
         with _room(f"a world of {self.env.size} agents"):
@@ -165,6 +166,7 @@ class Run:
         for species, learner in self.learners.items():
             learner.restore(*parts[f"learner_{species}"])
         self.tick = self.env.restore(*parts["world"])
+        loop.adopt(self.env, self.learners)
         if not self.plan.forked and not self.env.world.changes:  # those may lower a capacity
             check_stocks(self.env.state_view, self.env.world.model)
         if self.totals.tick != self.now:

@@ -26,6 +26,7 @@ import ecology
 from ecology import EcologyError, Scenario, agents, scenarios
 from ecology.archipelago import as_island
 from ecology.errors import nearest
+from ecology.heredity import learner_traits
 from ecology.lab.runs import source
 from ecology.lab.runs.folder import CONFIG
 from ecology.lab.runs.gate import Gate
@@ -218,7 +219,7 @@ def resolve(
     ticks = world.ticks if ticks is None else ticks
     typed = {_full_name(word.rpartition("=")[2]) for word in learners}
     _admit(gate, [name for name, _ in chosen.values() if name not in typed], copies)
-    resolved = _apply_tweaks(chosen, tweaks, copies)
+    resolved = _apply_tweaks(world, chosen, tweaks, copies)
     _check_device(words.get("device", "cpu"), {source.locate(name, copies) for name, _ in resolved.values()})
     plan = Plan(
         scenario=_full_name(scenario),
@@ -285,8 +286,9 @@ def _owners(species: str, chosen: Chosen) -> list[str]:
     return [species] if species else list(chosen)
 
 
-def _apply_tweaks(chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None) -> Chosen:
+def _apply_tweaks(world: Scenario, chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None) -> Chosen:
     """Return every learner with its defaults filled in and `tweaks` applied."""
+    inherited = {species.name: learner_traits(species) for species in world.species}
     defaults = {owner: agents.settings(source.locate(name, copies)) for owner, (name, _) in chosen.items()}
     full = {owner: (name, {**defaults[owner], **own}) for owner, (name, own) in chosen.items()}
     for key, value in tweaks.items():
@@ -302,6 +304,12 @@ def _apply_tweaks(chosen: Chosen, tweaks: Mapping[str, Any], copies: Path | None
                 f"the learner {' and '.join(names)} has no setting {match[2]!r}. {nearest(match[2], known)}"
             )
         for owner in takers:
+            for trait in inherited[owner]:
+                if trait.setting == match[2]:
+                    raise EcologyError(
+                        f"{key} is inherited: the trait {trait.name!r} of {owner!r} gives every agent a number of its "
+                        "own. Set the trait's start in the scenario instead."
+                    )
             if value is None and defaults[owner][match[2]] is not None:  # no config holds it
                 raise EcologyError(f"the setting {key!r} is like {defaults[owner][match[2]]!r}; got None.")
             full[owner][1][match[2]] = value

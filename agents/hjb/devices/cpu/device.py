@@ -25,7 +25,7 @@ from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrow, control_word, ke
 from ecology.agents.hjb.devices.cpu.lookahead import beam_for, look_ahead
 from ecology.agents.hjb.devices.cpu.networks import deviations, forecast, hidden_layer, inputs_of, layers
 from ecology.agents.hjb.devices.cpu.scores import scores
-from ecology.agents.hjb.devices.cpu.update import agent_of, update
+from ecology.agents.hjb.devices.cpu.update import agent_of, own_constants, update
 from ecology.agents.hjb.devices.records import (
     Encoding,
     Lookahead,
@@ -122,7 +122,7 @@ def decide(s, weights, slots, zeta, open_, out):
     for r in range(len(slots)):
         i = slots[r]
         own = agent_of(weights, i, weights.target[i], weights.optimism[i])
-        scores(s, own, zeta[r : r + 1], open_[r : r + 1], scratch, out[r : r + 1])
+        scores(own_constants(s, weights, i), own, zeta[r : r + 1], open_[r : r + 1], scratch, out[r : r + 1])
     set_control_word(word)
     keep_alive(kept)
 
@@ -156,7 +156,7 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
             replay.open[i],
             replay.count[i],
         )
-        look_ahead(s, own, past, zeta[r], open_[r], scratch, beam, out[r])
+        look_ahead(own_constants(s, weights, i), own, past, zeta[r], open_[r], scratch, beam, out[r])
     set_control_word(word)
     keep_alive(kept)
 

@@ -44,6 +44,19 @@ def borrow(_, group):  # type: ignore[no-untyped-def]
 
 
 @lowered
+def replace_last(_, group, numbers):  # type: ignore[no-untyped-def]
+    """Return a tuple whose last elements are those of the tuple `numbers`, of the same types."""
+
+    def replace(_, builder, __, args):  # type: ignore[no-untyped-def]
+        found, start = args[0], len(group.types) - len(numbers)
+        for i in range(len(numbers)):
+            found = builder.insert_value(found, builder.extract_value(args[1], i), start + i)
+        return found
+
+    return group(group, numbers), replace
+
+
+@lowered
 def keep_alive(_, group):  # type: ignore[no-untyped-def]
     """Do nothing; the arrays of a tuple live until here, and views of them that count no references are valid."""
 

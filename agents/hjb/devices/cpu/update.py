@@ -15,7 +15,7 @@ from ecology.agents.hjb.devices.cpu.compiler import compiled, inlined, within
 from ecology.agents.hjb.devices.cpu.encoding import drive
 from ecology.agents.hjb.devices.cpu.first_order import executed_pace
 from ecology.agents.hjb.devices.cpu.learning import imagine, learn_f, learn_j, positions
-from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrow, control_word, keep_alive, set_control_word
+from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrow, control_word, keep_alive, replace_last, set_control_word
 from ecology.agents.hjb.devices.cpu.networks import inputs_of, layers
 from ecology.agents.hjb.devices.cpu.scores import expected_score, scores
 from ecology.agents.hjb.devices.records import Agent
@@ -66,6 +66,12 @@ def batch_for(s, weights, sampling, parts):
         np.ones(1, np.bool_),
         np.zeros(2, F),
     )
+
+
+@inlined
+def own_constants(s, weights, i):
+    """Return the encoding with the constants of agent `i`."""
+    return replace_last(s, (weights.log_gamma[i], weights.explored[i], weights.polyak[i]))
 
 
 @within
@@ -174,11 +180,12 @@ def update(s, weights, replay, sampling, training, lookahead, start, stop):
     for i in range(start, stop):
         if not training.ready[i]:
             continue
-        training.loss_f[i] = train_f(s, weights, replay, sampling, i, training.rate[i], batch, scratch)
-        training.loss_j[i] = train_j(s, weights, replay, sampling, i, training.rate[i], batch, scratch)
+        mine = own_constants(s, weights, i)
+        training.loss_f[i] = train_f(mine, weights, replay, sampling, i, training.rate[i], batch, scratch)
+        training.loss_j[i] = train_j(mine, weights, replay, sampling, i, training.rate[i], batch, scratch)
         if lookahead.open[i].any():
             own = agent_of(weights, i, weights.target[i], weights.optimism[i])
             zeta, open_ = lookahead.zeta[i : i + 1], lookahead.open[i : i + 1]
-            scores(s, own, zeta, open_, scratch, lookahead.score[i : i + 1])
+            scores(mine, own, zeta, open_, scratch, lookahead.score[i : i + 1])
     set_control_word(word)
     keep_alive(kept)

@@ -15,7 +15,7 @@ from ecology.agents.hjb.devices.plain.first_order import slopes
 from ecology.agents.hjb.devices.plain.lookahead import look_ahead
 from ecology.agents.hjb.devices.plain.networks import deviations, forecast
 from ecology.agents.hjb.devices.plain.scores import scores
-from ecology.agents.hjb.devices.plain.update import agent_of, update
+from ecology.agents.hjb.devices.plain.update import agent_of, own_constants, update
 from ecology.agents.hjb.devices.records import (
     LONGEST,
     Agent,
@@ -56,14 +56,16 @@ class Plain(HostDevice):
             past = RecalledErrors._make(
                 (*(array[i] for array in trace), ages[r], replay.zeta[i], replay.open[i], replay.count[i])
             )
-            out[r] = look_ahead(self.s, self._agent(weights, i), past, torch.from_numpy(zeta[r]), open_[r])
+            out[r] = look_ahead(
+                own_constants(self.s, weights, i), self._agent(weights, i), past, torch.from_numpy(zeta[r]), open_[r]
+            )
         return out
 
     def _score(self, weights: Weights, i: int, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the score (M,) of one movement of agent `i` at zeta (D,), nothing corrected."""
         at, options = torch.from_numpy(zeta)[None], torch.from_numpy(open_)[None]
         with torch.enable_grad():
-            return scores(self.s, self._agent(weights, i), at, options)[0].numpy()
+            return scores(own_constants(self.s, weights, i), self._agent(weights, i), at, options)[0].numpy()
 
     def _agent(self, weights: Weights, i: int) -> Agent:
         """Return agent `i` with its slow copy of J."""

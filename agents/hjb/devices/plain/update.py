@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,12 @@ from ecology.agents.hjb.devices.plain.learning import imagine, learn_f, learn_j,
 from ecology.agents.hjb.devices.plain.networks import inputs_of, layers
 from ecology.agents.hjb.devices.plain.scores import expected_score, scores
 from ecology.agents.hjb.devices.records import Agent, Replay, Sampling, Weights
+
+
+def own_constants(s: Any, weights: Weights, i: int) -> Any:
+    """Return the encoding with the constants of agent `i`."""
+    numbers = {name: float(getattr(weights, name)[i]) for name in ("log_gamma", "explored", "polyak")}
+    return SimpleNamespace(**{**vars(s), **numbers})
 
 
 def agent_of(s: Any, weights: Weights, i: int, network: np.ndarray, optimism: np.ndarray | None) -> Agent:
@@ -76,5 +83,6 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
 
 def update(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int, rate: float) -> tuple[float, float]:
     """Take one step on L_f and on L_J for agent `i`; return both losses."""
+    s = own_constants(s, weights, i)
     loss_f = train_f(s, weights, replay, sampling, i, rate)
     return loss_f, train_j(s, weights, replay, sampling, i, rate)

@@ -30,7 +30,7 @@ from ecology.agents.hjb.devices.torch.first_order import pick, slopes
 from ecology.agents.hjb.devices.torch.lookahead import look_ahead
 from ecology.agents.hjb.devices.torch.networks import deviations, forecast, inputs_of
 from ecology.agents.hjb.devices.torch.scores import scores
-from ecology.agents.hjb.devices.torch.update import agent_of, update
+from ecology.agents.hjb.devices.torch.update import agent_of, own_constants, update
 
 ROOM = 2**31  # bytes to work in; agents are taken in parts that fit
 
@@ -87,14 +87,18 @@ class Torch(Device):
             rows = at[part]
             noted = (self.on(array[slots[part]]) for array in trace)
             past = RecalledErrors._make((*noted, now[part], replay.zeta[rows], replay.open[rows], count[rows]))
-            found.append(look_ahead(self.s, self._agents(weights, rows), past, states[part], options[part]))
+            s = own_constants(self.s, weights, rows)
+            found.append(look_ahead(s, self._agents(weights, rows), past, states[part], options[part]))
         return self.off(torch.cat(found))
 
     def _near_scores(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the score (k, M) of one movement, nothing corrected."""
         at, states, options = self.on(slots), self.on(zeta)[:, None], self.on(open_)[:, None]
         parts = self._parts(len(slots), weights, 1)
-        found = [scores(self.s, self._agents(weights, at[part]), states[part], options[part])[:, 0] for part in parts]
+        found = []
+        for part in parts:
+            s = own_constants(self.s, weights, at[part])
+            found.append(scores(s, self._agents(weights, at[part]), states[part], options[part])[:, 0])
         return self.off(torch.cat(found))
 
     def _agents(self, weights: Weights, rows: Tensor) -> Agent:

@@ -37,7 +37,7 @@ def executed_pace(s: Any, own: Any, zeta: Tensor, movement: Tensor) -> Tensor:
 
 def add_climb(s: Any, own: Any, zeta: Tensor, pace: Tensor, residual: Tensor) -> Tensor:
     """Return residual (a, R) + dJn/dzeta . f / ln(gamma) at zeta (a, R, D) with f = pace (a, R, D)."""
-    return residual + (slopes(s, own, zeta, graph=True) * pace).sum(-1) / s.log_gamma
+    return residual + (slopes(s, own, zeta, graph=True) * pace).sum(-1) / s.log_gamma[..., 0]
 
 
 def pick(table: Tensor, movement: Tensor) -> Tensor:

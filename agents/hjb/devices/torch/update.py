@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import torch
@@ -16,6 +17,12 @@ from ecology.agents.hjb.devices.torch.learning import imagine, learn_f, learn_j,
 from ecology.agents.hjb.devices.torch.lookahead import rows_at
 from ecology.agents.hjb.devices.torch.networks import inputs_of, layers
 from ecology.agents.hjb.devices.torch.scores import expected_score, scores
+
+
+def own_constants(s: Any, weights: Weights, rows: Any) -> Any:
+    """Return the encoding with the constants of the agents in `rows` (a,), to be used with (a, R, M) and (a, R)."""
+    log_gamma, explored, polyak = (each[rows, None] for each in (weights.log_gamma, weights.explored, weights.polyak))
+    return SimpleNamespace(**{**vars(s), "log_gamma": log_gamma[..., None], "explored": explored, "polyak": polyak})
 
 
 def agent_of(s: Any, weights: Weights, network: Tensor, optimism: Tensor | None) -> Agent:
@@ -80,5 +87,6 @@ def train_j(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
 
 def update(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns: Tensor, rate: Tensor) -> Tensor:
     """Take one step on L_f and on L_J for the agents that learn (a, 1), all views; return the losses (2, a)."""
+    s = own_constants(s, weights, slice(None))
     loss_f = train_f(s, weights, replay, sampling, learns, rate)
     return torch.stack([loss_f, train_j(s, weights, replay, sampling, learns, rate)])

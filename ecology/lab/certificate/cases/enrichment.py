@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ecology import Ecology, Tick
+from ecology import Ecology, Tick, agents, scenarios
+from ecology.agents import loop
 from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
+from ecology.observers.base import Observer
 from ecology.scenarios.enrichment import BORN, DIES, FINDS, HANDLES, K_CRITICAL, N_REST, p_rest
 from ecology.state import Ints
 
@@ -20,6 +22,12 @@ ORDER = 37
 GROWTH, SCALE, DT = 0.05, 4.0, 0.5
 CAPACITIES = (100.0, 150.0, 220.0, 300.0)
 SEEDS, TICKS = 2, 5_000
+AMONG, LIVED = (150.0, 220.0, 300.0, 360.0), 4_000  # capacities and ticks of learners
+VARIES = 0.6  # variability of prey from which numbers count as cycling
+OWN: Mapping[str, Any] = {  # settings of learners that live for some 130 ticks: an heir knows what its parent knew
+    "inherit": True, "pause": DT, "update_every": 2.0, "width": 16, "batch": 16, "batch_f": 32, "memory": 200,
+    "warm_up": 4, "youth": 100.0,
+}  # fmt: skip
 
 
 def measure_scripted(capacity: float, seed: int, ticks: int = TICKS) -> dict[str, Any]:
@@ -31,15 +39,49 @@ def measure_scripted(capacity: float, seed: int, ticks: int = TICKS) -> dict[str
         return answers.act(env, predator=np.where(tick.masks["predator"][:, 1], 1, 0))
 
     seen = answers.play(env, tick, ticks, policy, lambda e, t: [int(np.count_nonzero(t.alive[r])) for r in rows])
-    counts = np.array(seen, float)
-    late = counts[ticks // 3 :]
-    out = bool((counts[-1] == 0).any())
-    prey = late[:, 0]
+    return _describe(np.array(seen, float))
+
+
+class Bites(Observer):
+    """An observer that counts prey, predators, predators that could bite in a tick, and those of them that did."""
+
+    def __init__(self, env: Ecology) -> None:
+        self.prey, self.predators = (env.groups[name].slots for name in ("prey", "predator"))
+        self.could = np.zeros(env.groups["predator"].size, bool)
+        self.rows: list[list[int]] = []
+
+    def watch(self, state: Any, tick: Tick, minds: Mapping[str, Any]) -> None:
+        """Count one tick."""
+        alive, did = tick.alive, state.bit[self.predators] >= 0
+        seen = alive[self.prey], alive[self.predators], self.could, self.could & did
+        self.rows.append([int(np.count_nonzero(each)) for each in seen])
+        self.could = alive[self.predators] & tick.masks["predator"].all(axis=1)  # while it handles, it cannot rest
+
+
+def measure_learner(capacity: float, seed: int, ticks: int = LIVED) -> dict[str, Any]:
+    """Return the same of predators that learn to hunt, and which share of their opportunities they take."""
+    env = Ecology(scenarios.load("enrichment", capacity=capacity, growth=GROWTH, scale=SCALE, dt=DT, hungry=True))
+    minds = {
+        name: agents.make(learner, env.groups[name], np.random.SeedSequence([seed, i]), own)
+        for i, (name, learner, own) in enumerate((("prey", "rest", {}), ("predator", "lean", OWN)))
+    }
+    bites = Bites(env)
+    loop.run(env, minds, env.reset_arrays(seed), ticks, (bites,))
+    rows = np.array(bites.rows, float)
+    could, did = rows[ticks // 3 :, 2:].sum(axis=0)
+    return {**_describe(rows[:, :2]), "taken": float(did / max(could, 1))}
+
+
+def _describe(counts: np.ndarray) -> dict[str, Any]:
+    """Return the variability of prey in the last two thirds of `counts` (ticks, 2), or until a species is extinct."""
+    ticks, gone = len(counts), np.flatnonzero((counts == 0).any(axis=1))
+    last = int(gone[0]) if gone.size else ticks
+    prey = counts[min(ticks, last) // 3 : last, 0]
     return {
-        "cv": float(prey.std() / prey.mean()) if prey.mean() > 0 else math.nan,
+        "cv": float(prey.std() / prey.mean()),
         "prey": float(prey.mean() / SCALE),
         "period": _period(prey),
-        "extinct": out,
+        "extinct": bool(gone.size),
         "path": (counts[:: max(ticks // 400, 1)] / SCALE).round(2).tolist(),
     }
 
@@ -75,11 +117,26 @@ def frequency(capacity: float, growth: float = GROWTH) -> float:
 
 def _parts() -> list[Part]:
     parameters = answers.parameters("enrichment", growth=GROWTH, scale=SCALE, dt=DT, ticks=TICKS)
+    learning = answers.parameters("enrichment", growth=GROWTH, scale=SCALE, dt=DT, ticks=LIVED, **OWN)
     return [
         Part(f"scripted-{k:g}-{seed}", parameters, 8.0, functools.partial(measure_scripted, k, seed))
         for k in CAPACITIES
         for seed in range(SEEDS)
+    ] + [
+        Part(f"learned-{k:g}-{seed}", learning, 15.0, functools.partial(measure_learner, k, seed))
+        for seed in range(answers.SEEDS)
+        for k in AMONG
     ]
+
+
+def crossing(levels: Mapping[float, float]) -> float:
+    """Return the capacity at which the variability passes `VARIES`, linear between those tried; their edge without."""
+    ks, cv = np.array(list(levels)), np.array(list(levels.values()))
+    above = np.flatnonzero(cv >= VARIES)
+    if not above.size or above[0] == 0:
+        return float(ks[-1 if not above.size else 0])
+    k = int(above[0])
+    return float(ks[k - 1] + (VARIES - cv[k - 1]) / (cv[k] - cv[k - 1]) * (ks[k] - ks[k - 1]))
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
@@ -109,19 +166,52 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
         found.append(
             Row(what, [(ks[jump] + ks[jump + 1]) / 2], closed=K_CRITICAL, tolerance=(ks[jump + 1] - ks[jump]) / 2)
         )
+    return found + _rows_of_learners(done, level)
+
+
+def _rows_of_learners(done: Mapping[str, Any], level: Mapping[float, float]) -> list[Row]:
+    """Return what learners do: a share p of the bites is a rate of search of p a, so K_c and prey at rest are 1 / p."""
+    found: list[Row] = []
+    lives = answers.column(done, "learned-")
+    if not lives:
+        return found
+    p = float(np.mean([life["taken"] for life in lives]))
+    given = "no number to compare with"
+    found.append(Row("f/J: share p of the possible bites that predators take", [p], verdict=given))
+    for k in AMONG:
+        lives = answers.column(done, f"learned-{k:g}-")
+        if lives:
+            gone = sum(life["extinct"] for life in lives)
+            what = f"f/J: coefficient of variation of prey, K {k:g} (K_c / p {K_CRITICAL / p:.0f}; {gone} extinct)"
+            found.append(Row(what, [life["cv"] for life in lives], verdict=given))
+        if lives and k < K_CRITICAL:
+            prey = [life["prey"] for life in lives]
+            found.append(Row(f"f/J: prey at rest, K {k:g}: N* / p", prey, closed=N_REST / p, tolerance=0.12 * N_REST))
+    seeds = answers.complete_parts(done, "learned", AMONG, answers.SEEDS)
+    if seeds and len(level) == len(CAPACITIES):
+        scripted = crossing(level)
+        ours = [crossing({k: life["cv"] for k, life in lives.items()}) / scripted for lives in seeds]
+        what = f"f/J: K from which prey vary by {VARIES:g}, over that of scripted predators ({scripted:.0f}): 1 / p"
+        found.append(Row(what, ours, closed=1 / p))
     return found
 
 
 def _figure(done: Mapping[str, Any], figure: Any) -> None:
     left, right = figure.subplots(1, 2)
     have = [k for k in CAPACITIES if answers.column(done, f"scripted-{k:g}-")]
-    grid = np.linspace(80, 310, 12)
+    grid = np.linspace(80, 370, 15)
     left.plot(grid, [solve(k)[0] for k in grid], color=answers.CLOSED, label="equations")
     left.axvline(K_CRITICAL, color="0.6", ls=":", label=f"K_c {K_CRITICAL:.0f}")
     for k in have:
         values = [life["cv"] for life in answers.column(done, f"scripted-{k:g}-")]
         left.plot([k] * len(values), values, "o", color=answers.OURS, markersize=4)
-    answers.finish(left, "K", "CV of prey (dots: the world, one per seed)")
+    for k in AMONG:
+        values = [life["cv"] for life in answers.column(done, f"learned-{k:g}-")]
+        left.plot([k] * len(values), values, answers.PUBLISHED.marker, color=answers.THEIRS, markersize=4)
+    if lives := answers.column(done, "learned-"):
+        p = float(np.mean([life["taken"] for life in lives]))
+        left.axvline(K_CRITICAL / p, color=answers.THEIRS, ls=":", label=f"K_c / p of learners {K_CRITICAL / p:.0f}")
+    answers.finish(left, "K", "CV of prey (round: scripted, else f/J; one per seed)")
     for k, look in zip((have[0], have[-1]), (answers.LEARNED, answers.PUBLISHED), strict=True) if have else ():
         path = np.array(answers.column(done, f"scripted-{k:g}-")[0]["path"])
         right.plot(path[:, 0], path[:, 1], color=look.colour, linestyle=look.line, lw=0.8, label=f"K {k:g}")

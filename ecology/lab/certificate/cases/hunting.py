@@ -19,7 +19,9 @@ ORDER = 36
 DENSITIES = (0.25, 0.5, 1.0, 2.0, 4.0)
 HANDLING, HUNTERS, TICKS = 60.0, 40, 3_000
 SEARCH = 2 * REACH * WALK  # area that a hunter searches per unit of time on a straight path
-LEARNERS, LIVED, AMONG = 8, 3_000, (0.5, 1.0, 4.0)  # agents, ticks, densities
+LEARNERS, LIVED, AMONG = 8, 12_000, (0.5, 1.0, 4.0)  # agents, ticks, densities
+BLOCK = 1_500  # ticks over which what learners take is counted
+SHOWN = (1, LIVED // BLOCK - 1)  # blocks that are compared: after one, and the last
 
 
 def measure_scripted(density: float, seed: int, handling: float = HANDLING) -> float:
@@ -36,13 +38,13 @@ def measure_scripted(density: float, seed: int, handling: float = HANDLING) -> f
     return sum(seen[skip:]) / (TICKS - skip) / HUNTERS
 
 
-def measure_learner(density: float, seed: int) -> float:
-    """Return the prey that a learner takes per unit of time in the second half of its life."""
+def measure_learner(density: float, seed: int) -> list[float]:
+    """Return the prey that a learner takes per unit of time, in every block of its life."""
     _, _, _, rows = answers.learn(
         "hunting", seed, LIVED, lambda _, s: int((s.bit >= 0).sum()), density=density, handling=HANDLING,
         hunters=LEARNERS,
     )  # fmt: skip
-    return sum(rows[LIVED // 2 :]) / (LIVED // 2) / LEARNERS
+    return [sum(rows[t : t + BLOCK]) / BLOCK / LEARNERS for t in range(0, LIVED, BLOCK)]
 
 
 def fit(rates: Mapping[float, float]) -> tuple[float, float]:
@@ -64,7 +66,7 @@ def _parts() -> list[Part]:
     parameters = answers.parameters("hunting", handling=HANDLING, hunters=LEARNERS, ticks=LIVED)
     for seed in range(answers.SEEDS):
         found += [
-            Part(f"learned-{d:g}-{seed}", parameters, 5.0, functools.partial(measure_learner, d, seed)) for d in AMONG
+            Part(f"learned-{d:g}-{seed}", parameters, 20.0, functools.partial(measure_learner, d, seed)) for d in AMONG
         ]
     return found
 
@@ -82,9 +84,11 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
         what = "rate of search a, still prey, straight paths: 2 R v"
         found.append(Row(what, a, closed=SEARCH, tolerance=0.1 * SEARCH))
     for density in AMONG:  # of learners a fit says nothing: their rates do not saturate
-        if rates := answers.column(done, f"learned-{density:g}-"):
-            what = f"f/J (lean): prey taken per tick at density {density:g} (closed form: straight paths)"
-            found.append(Row(what, rates, closed=response(density)))
+        lives = answers.column(done, f"learned-{density:g}-")
+        for block in SHOWN if lives else ():
+            when = f"ticks {block * BLOCK:,} to {(block + 1) * BLOCK:,}"
+            what = f"f/J (lean): prey taken per tick at density {density:g}, {when} (closed form: straight paths)"
+            found.append(Row(what, [life[block] for life in lives], closed=response(density)))
     return found
 
 
@@ -94,8 +98,11 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     ax.plot(x, response(x), color=answers.CLOSED, label="Holling, a = 2 R v")
     for kind, label, look in (("scripted", "scripted", answers.SCRIPTED), ("learned", "f/J (lean)", answers.LEARNED)):
         have = [d for d in DENSITIES if answers.column(done, f"{kind}-{d:g}-")]
+        samples = [answers.column(done, f"{kind}-{d:g}-") for d in have]
+        if kind == "learned":  # at the end of their lives
+            samples = [[life[-1] for life in lives] for lives in samples]
         if have:
-            answers.band(ax, have, [answers.column(done, f"{kind}-{d:g}-") for d in have], label, look)
+            answers.band(ax, have, samples, label, look)
     ax.axhline(1 / HANDLING, color="0.8", ls=":")
     answers.finish(ax, f"prey per unit of area ({SIDE:g} x {SIDE:g})", "prey taken per tick")
 

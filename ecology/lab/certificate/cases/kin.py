@@ -1,15 +1,15 @@
 """B5: Hamilton's rule for how much an agent feels of others."""
-# ruff: noqa: ARG001  (all policies and looks are of one form)
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ecology import Ecology, Tick, heredity
+from ecology import Ecology, Tick, agents, heredity, scenarios
+from ecology.agents import loop
 from ecology.lab.certificate import answers
 from ecology.lab.certificate.case import Case, Part, Row
 from ecology.scenarios.kin import LIFE
@@ -21,6 +21,12 @@ RELATED = (0.0, 0.25, 0.5, 0.75, 1.0)
 COSTS = (0.0, 0.3, 0.6)
 SEEDS = 4
 VARIED, LONGER = (0.25, 0.5, 0.75), 160
+LEARNED, SIZE, FAMILIES, SPAN, BRED = (0.3, 0.6), 4, 30, 21, 40  # learners: costs, group, groups, ticks, generations
+OWN: Mapping[str, Any] = {  # settings of learners that live for 21 ticks: an heir knows what its parent knew
+    "inherit": True, "pause": 1.0, "update_every": 2.0, "width": 16, "batch": 16, "batch_f": 64, "memory": 100,
+    "warm_up": 4, "epsilon": 0.1, "epsilon_final": 0.1, "learning_rate": 1e-3, "learning_rate_final": 1e-4,
+    "gamma": 0.9, "imagined": 0.0, "recent_share": 0.0,
+}  # fmt: skip
 
 
 def evolve(
@@ -31,21 +37,38 @@ def evolve(
     Agents give where their weight is above the cost over the benefit, which is 1.
     """
     env, tick = answers.begin("kin", seed, relatedness=relatedness, cost=cost, varied=varied, groups=GROUPS, felt=False)
-    mean, share, worst = [], [], 0.0
-    before: dict[int, float] = {}
 
-    def policy(env: Ecology, tick: Tick) -> Ints:
+    def policy(env: Ecology) -> Ints:
         state: Any = env.state_view
         gives = state.trait[:, 0] > state.internal[:, 1]
         return answers.act(env, agent=gives.astype(np.int64))
 
+    return _breed(env, tick, lambda _: env.step_arrays(policy(env)), cost, (generations, LIFE))
+
+
+def evolve_learners(relatedness: float, cost: float, seed: int) -> dict[str, Any]:
+    """Return the same of learners, which feel what they care for and have to find out what a gift does."""
+    world = scenarios.load("kin", relatedness=relatedness, cost=cost, groups=FAMILIES, size=SIZE, life=SPAN)
+    env = Ecology(world)
+    minds = {"agent": agents.make("lean", env.groups["agent"], np.random.SeedSequence([seed, 0]), OWN)}
+    tick = env.reset_arrays(seed)
+    return _breed(env, tick, lambda last: loop.advance(env, minds, last, 1), cost, (BRED, SPAN))
+
+
+def _breed(
+    env: Ecology, tick: Tick, step: Callable[[Tick], Tick], cost: float, lengths: tuple[int, int]
+) -> dict[str, Any]:
+    """Return what `evolve` does, of agents that `step` lets act; `lengths` are generations, and ticks of each."""
+    generations, life = lengths
+    mean, share, given, worst = [], [], [], 0.0
+    before: dict[int, float] = {}
     for _ in range(generations):
         living = np.flatnonzero(tick.alive)
         now: Any = env.state_view
         before = dict(zip(now.serial[living].tolist(), now.trait[living, 0].tolist(), strict=True))
         gives = []
-        for _ in range(LIFE):
-            tick = env.step_arrays(policy(env, tick))
+        for _ in range(life):
+            tick = step(tick)
             gives.append(float((tick.action[tick.alive] == 1).mean()))
         now = env.state_view
         young = np.flatnonzero(tick.alive)
@@ -54,7 +77,8 @@ def evolve(
         worst = max(worst, abs(parts.change - parts.selection - parts.transmission))
         mean.append(float(now.trait[young, 0].mean()))
         share.append(float((now.trait[young, 0] > cost).mean()))
-    return {"mean": mean, "share": share, "price": worst}
+        given.append(float(np.mean(gives[1:-1])))
+    return {"mean": mean, "share": share, "given": given, "price": worst}
 
 
 def threshold(shares: Mapping[float, float]) -> float:
@@ -76,10 +100,17 @@ def _parts() -> list[Part]:
         for seed in range(SEEDS)
     ]
     parameters = answers.parameters("kin", groups=GROUPS, generations=LONGER)
-    return found + [
+    found += [
         Part(f"varied-{r:g}-{seed}", parameters, 4.0, functools.partial(evolve, r, 0.5, seed, True, LONGER))
         for r in VARIED
         for seed in range(SEEDS)
+    ]
+    parameters = answers.parameters("kin", groups=FAMILIES, size=SIZE, life=SPAN, generations=BRED, **OWN)
+    return found + [
+        Part(f"learned-{cost:g}-{r:g}-{seed}", parameters, 9.0, functools.partial(evolve_learners, r, cost, seed))
+        for cost in reversed(LEARNED)
+        for seed in range(answers.SEEDS)
+        for r in RELATED
     ]
 
 
@@ -103,11 +134,29 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
         if lives:
             ours = [float(np.mean(life["mean"][-LONGER // 4 :])) for life in lives]
             found.append(Row(f"stable weight where c/b varies, r {r:g}", ours, closed=r, tolerance=0.1))
+    found += _rows_of_learners(done)
     if done:
         worst = [life["price"] for life in done.values()]
         found.append(
             Row("largest error of the Price equation in any generation", [max(worst)], closed=0.0, tolerance=1e-12)
         )
+    return found
+
+
+def _late(life: Mapping[str, Any], what: str) -> float:
+    """Return the mean of the last ten generations."""
+    return float(np.mean(life[what][-10:]))
+
+
+def _rows_of_learners(done: Mapping[str, Any]) -> list[Row]:
+    """Return from which relatedness on learners give, and their weights are above the cost."""
+    found = []
+    for cost in LEARNED:
+        families = answers.complete_parts(done, f"learned-{cost:g}", RELATED, answers.SEEDS)
+        for what, name in (("given", "half of all acts are gifts"), ("share", "half of the weights are above c/b")):
+            if families:
+                ours = [threshold({r: _late(life, what) for r, life in lives.items()}) for lives in families]
+                found.append(Row(f"f/J: relatedness from which {name}, c/b {cost:g}", ours, closed=cost))
     return found
 
 
