@@ -345,7 +345,7 @@ class HJB(Learner):
 
     def _prefer_rest(self, slots: np.ndarray, zeta: np.ndarray, score: np.ndarray) -> np.ndarray:
         """Return scores (k, M) of `slots` (k,) at zeta (k, D) in which rest has its advantage."""
-        if np.any(self.number("reluctance")):
+        if self.settings.reluctance:
             share, relief = self.rest_terms(slots, zeta)
             score -= np.clip(share * score, 0, relief)
         return score
@@ -358,7 +358,7 @@ class HJB(Learner):
         of the learning rate, as the errors do. The relief is by how much rest lowers the drive by the needs that it
         brings closer to their set points, as f predicts it: an agent that is not tired has no reason to rest.
         """
-        share = self.number("reluctance") * np.sqrt(self.rate() / self.number("learning_rate"))
+        share = self.settings.reluctance * np.sqrt(self.rate() / self.number("learning_rate"))
         relief = np.zeros((len(slots), self.count), np.float32)
         for rest in np.flatnonzero(self.idle):
             change = self.device.expect(self.weights, slots, zeta, np.full(len(slots), rest))[:, :-1]

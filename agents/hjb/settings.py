@@ -84,7 +84,7 @@ class HJBSettings:
 # settings that agents can inherit, each a number of its own: they shape no array and no schedule
 HERITABLE = (
     "gamma", "youth", "epsilon", "epsilon_final", "settling", "learning_rate", "learning_rate_final", "optimism",
-    "optimism_young", "reluctance", "polyak", "mutation",
+    "optimism_young", "polyak", "mutation",
 )  # fmt: skip
 
 

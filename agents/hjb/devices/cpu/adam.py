@@ -26,6 +26,13 @@ class Row(NamedTuple):
     steps: np.ndarray  # int (1 + heads,)
 
 
+class Pace(NamedTuple):
+    """How fast the weights move."""
+
+    rate: float  # learning rate
+    decay: np.float32  # of the weights of the last layer, per unit of the learning rate
+
+
 class Extent(NamedTuple):
     """The part of a network that an update trains."""
 
@@ -88,7 +95,7 @@ def adam_across(row, start, x, up, size, floor, soon):
 
 
 @within
-def step(s, row, g, rate, decay, extent, trained, scratch, soon):
+def step(s, row, g, pace, extent, trained, scratch, soon):
     """Take one step for one agent, after `learn_f` or `learn_j`.
 
     Of the last layer only the heads `trained` (M,) move; all have as many outputs, and their weights decay. The step
@@ -99,7 +106,7 @@ def step(s, row, g, rate, decay, extent, trained, scratch, soon):
     last = ends + width + width * width + width
     outputs = (len(row.w) - last) // (width + 1)
     row.steps[0] += 1
-    size, floor = correct(rate, row.steps[0])
+    size, floor = correct(pace.rate, row.steps[0])
     if extent.rows > FEW:
         adam(row, g, np.int64(0), extent.used * width, size, floor)
         adam(row, g, ends, last, size, floor)
@@ -114,8 +121,8 @@ def step(s, row, g, rate, decay, extent, trained, scratch, soon):
     for o in range(len(trained)):
         if trained[o]:
             row.steps[1 + o] += 1
-            size, floor = correct(rate, row.steps[1 + o])
-            if decay > ZERO:
-                shrink(row, last + o * each * width, last + (o + 1) * each * width, ONE - F(rate) * decay)
+            size, floor = correct(pace.rate, row.steps[1 + o])
+            if pace.decay > ZERO:
+                shrink(row, last + o * each * width, last + (o + 1) * each * width, ONE - F(pace.rate) * pace.decay)
             adam(row, g, last + o * each * width, last + (o + 1) * each * width, size, floor)
             adam(row, g, biases + o * each, biases + (o + 1) * each, size, floor)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ecology.agents.hjb.devices.cpu.adam import Extent, Row, step
+from ecology.agents.hjb.devices.cpu.adam import Extent, Pace, Row, step
 from ecology.agents.hjb.devices.cpu.arithmetic import FEW, ZERO, F, copy, scratch_for
 from ecology.agents.hjb.devices.cpu.compiler import compiled, inlined, within
 from ecology.agents.hjb.devices.cpu.encoding import drive
@@ -114,8 +114,7 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
         s,
         row,
         batch.g_f,
-        rate,
-        s.weight_decay,
+        Pace(rate, s.weight_decay),
         Extent(base + own.cells, inputs, bf),
         batch.trained,
         scratch,
@@ -157,7 +156,7 @@ def train_j(s, weights, replay, sampling, i, rate, batch, scratch):
     base = len(s.plain) + 2 * len(s.angle)
     extent = Extent(base + own.cells, base + own.centres.shape[1], b if s.finite or s.minimum else 2 * b)
     row = Row(weights.J[i], weights.J_first[i], weights.J_second[i], weights.J_steps[i])
-    step(s, row, batch.g_j, rate, ZERO, extent, batch.always, scratch, weights.f[min(i + 1, len(weights.f) - 1)])
+    step(s, row, batch.g_j, Pace(rate, ZERO), extent, batch.always, scratch, weights.f[min(i + 1, len(weights.f) - 1)])
     if s.slow:
         follows, leads = weights.target[i], weights.J[i]
         for p in range(len(follows)):
