@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import rerun as rr
-from rerun.chunk import RrdReader
 
 from ecology import physiology
 from ecology.env import Ecology
@@ -28,9 +27,8 @@ from ecology.observers.census import HUNGRIEST, FocusSamples, without_functions
 from ecology.observers.focus_requests import AGENTS, Click
 from ecology.observers.layout import FORKED, blueprint, life_panels
 from ecology.observers.panels.base import time_columns
-from ecology.observers.readback import chunks, plain, recording_id
+from ecology.observers.readback import chunks, plain, recording_id, replace_layout
 from ecology.observers.scene import DEAD, FEW, Scene
-from ecology.observers.viewer import merge_recordings
 from ecology.scenario import Scenario
 from ecology.spec import require
 
@@ -82,6 +80,7 @@ class Hindsight:
             full=len(drives[0]) > 0,
             few=few,
             lived_until=self._find_last_tick(),
+            span=(int(ticks[0]), int(ticks[-1])),
             has_props=any(path.startswith("/world/props/") for path in entities),
         )
 
@@ -109,11 +108,9 @@ class Hindsight:
     def write_view(self, word: str | None, target: Path) -> Path:
         """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
         with tempfile.TemporaryDirectory() as folder:
-            bare, layer = Path(folder) / "bare.rrd", Path(folder) / "layer.rrd"
-            stream = RrdReader(str(self._path)).stream()
-            stream.write_rrd(str(bare), application_id=self._scene.application, recording_id=self._identity)
+            layer = Path(folder) / "layer.rrd"
             layer.write_bytes(self.layer(word))
-            return merge_recordings([bare, layer], target)
+            return replace_layout(self._path, layer, target, self._scene.application)
 
     def layer(self, word: str | None = None, tick: int | None = None) -> bytes:
         """Return the layer, a recording, that shows an agent by name, or first the focus of a species.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ os.environ.setdefault("RUST_LOG", "warn,re_sdk::binary_stream_sink=error")
 import rerun as rr
 
 from ecology.env import Ecology
+from ecology.errors import EcologyError
 from ecology.observers import relay
 from ecology.observers.base import Mind, Observer
 from ecology.observers.control import Control
@@ -30,7 +32,7 @@ from ecology.observers.layout import FORK, blueprint
 from ecology.observers.panels.base import Watch
 from ecology.observers.panels.decision import headline
 from ecology.observers.panels.futures import Futures
-from ecology.observers.readback import prepare_to_resume
+from ecology.observers.readback import prepare_to_resume, replace_layout, span
 from ecology.observers.recording_file import RecordingFile
 from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
@@ -316,8 +318,17 @@ class RerunObserver:
             self._write()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
-            if len(parts) > 1 or self._path.stat().st_size <= TIDY:
-                join_recordings(parts, self._path)
+            if (len(parts) > 1 or self._path.stat().st_size <= TIDY) and join_recordings(parts, self._path):
+                self._lay_out_file()
+
+    def _lay_out_file(self) -> None:
+        """Give the recording a layout that knows where it ends; it keeps the one it has where there is no room."""
+        assert self._path is not None
+        self._scene.span = span(self._path)
+        with tempfile.TemporaryDirectory() as folder, contextlib.suppress(OSError, RuntimeError, EcologyError):
+            layout = Path(folder) / "layout.rbl"
+            blueprint(self._scene).save(self._scene.application, layout)
+            replace_layout(self._path, layout, self._path, self._scene.application)
 
     def _open(self, tick: int) -> bool:
         """Open the file, if there is one, and draw the first screen there; return whether it continues a recording.

@@ -47,6 +47,7 @@ class Scene:
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
     lived_until: int | None = None  # last recorded tick at which anybody lived, of a recording where nobody does
+    span: tuple[int, int] | None = None  # first and last tick of a recording whose run is over
     has_props: bool = False  # whether the scenario names what to draw besides
     fork: str = ""  # name of the other future that is shown beside it
     chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead

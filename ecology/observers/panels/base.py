@@ -26,6 +26,8 @@ STATE_TICKS = 2_000  # of the internal state on the first screen: two labels of 
 HUGE = 1e300  # range of an axis that is left alone
 APART, HALF = 20, 8  # points: between two labels of an axis, at least, and half a label
 NEAR = 22  # points beyond a range within which the viewer would draw a label, and cut it off
+APART_WIDE, HALF_WIDE = 62, 28  # points: between two labels of an axis of ticks, at least, and half a label
+FULL_PLOT, HALF_PLOT, THIRD_PLOT = 680, 280, 205  # points, of a plot on a small screen, by its part of the right side
 STRIP_TALL, ALONE_TALL = 66, 96  # points, of a plot of populations below minds, and without any, on a small screen
 
 
@@ -200,6 +202,29 @@ class Panel:
         """Return the overrides with which the arena shows the entities of a layer."""
         return {}
 
+    def plot(self, origin: str, name: str, wide: float = HALF_PLOT, *, legend: bool = False, **more: Any) -> Any:
+        """Return a view, `wide` points wide, of series over the whole run; its name or a legend says which is which."""
+        at, axis = rrb.TimeRangeBoundary, ALWAYS
+        if self.scene.span is not None:
+            low, high = labelled_ticks(*self.scene.span, wide)
+            axis = time_axis(at.absolute(seq=low), at.absolute(seq=high))
+        return rrb.TimeSeriesView(
+            origin=origin, name=name, plot_legend=LEGEND if legend else NO_LEGEND, axis_x=axis, **more
+        )
+
+    def recent_axis(self, wide: float) -> rrb.TimeAxis | None:
+        """Return the axis of a plot, `wide` points wide, of the last ticks before the cursor; None while a run goes on.
+
+        By itself, a view takes the range of what it shows.
+        """
+        if self.scene.span is None:
+            return None
+        first, end = self.scene.span
+        low, high = labelled_ticks(max(first, end - STATE_TICKS), end, wide)
+        at = rrb.TimeRangeBoundary
+        start = at.infinite() if low == first else at.cursor_relative(seq=low - end)
+        return time_axis(start, at.cursor_relative(seq=high - end))
+
 
 class LifePanel(Panel):
     """A panel about the life of a species' agent in focus, or of any agent of a finished recording."""
@@ -214,23 +239,27 @@ class LifePanel(Panel):
         """Draw a life."""
         return
 
-    def recent(self, what: str, name: str, *, legend: bool = True) -> rrb.TimeSeriesView:
+    def recent(self, what: str, name: str, wide: float = FULL_PLOT, *, legend: bool = True) -> rrb.TimeSeriesView:
         """Return a view of the last ticks of `what` of the agent."""
         return rrb.TimeSeriesView(
             origin=f"/{self.base}/{what}",
             name=name,
             time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
             plot_legend=LEGEND if legend else NO_LEGEND,
+            axis_x=self.recent_axis(wide),
         )
 
 
 # ---- how panels draw ------------------------------------------------------------------------
 
+
+def time_axis(start: rrb.TimeRangeBoundary, end: rrb.TimeRangeBoundary) -> rrb.TimeAxis:
+    """Return a time axis of its own, of ticks: the viewer takes one range for all timelines."""
+    return rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=start, end=end))
+
+
 # the whole timeline; by itself a view takes the width of the others
-ALWAYS = rrb.TimeAxis(
-    link="Independent",
-    view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()),
-)
+ALWAYS = time_axis(rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite())
 LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
 NO_LEGEND = rrb.PlotLegend(visible=False)
 
@@ -300,29 +329,42 @@ def set_times(rec: rr.RecordingStream, tick: int, time: float) -> None:
     rec.set_time("sim_time", duration=float(time))
 
 
-def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None, *, legend: bool = False) -> Any:
-    """Return a view of series over the whole run; its name says which is which, or a legend."""
-    shown = LEGEND if legend else NO_LEGEND
-    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=shown, axis_x=ALWAYS, overrides=overrides)
+def labelled_ticks(first: int, last: int, wide: float) -> tuple[int, int]:
+    """Return the range of ticks around `first` to `last` that shows two whole labels in a plot `wide` points wide.
+
+    The viewer labels the multiples of a power of ten: the least whose labels have room. It cuts off one that is close
+    to the right edge, also in a plot that is wider; at the left edge a label has the room below the other axis.
+    """
+    room = wide - HALF_WIDE
+    while True:
+        step = 10 ** max(0, math.ceil(math.log10(APART_WIDE * max(last - first, 1) / room)))
+        least, most = -(-first // step) * step, last // step * step
+        if most > least:
+            fine, end = max(step // 10, 1), max(last, first + math.ceil((most - first) * wide / room))
+            return first, -(-end // fine) * fine
+        down, up = first - (least - step), most + step - last
+        first, last = (first, last + up) if up <= down or first == 0 else (first - down, last)
 
 
-def labelled(low: float, high: float, tall: float) -> tuple[float, float]:
+def labelled(
+    low: float, high: float, tall: float, apart: float = APART, half: float = HALF, near: float = NEAR
+) -> tuple[float, float]:
     """Return the narrowest range around `low` to `high` that shows two labels whole in a plot `tall` points high.
 
     The viewer labels the multiples of a power of ten: the least whose labels have room. The range includes one that
     lies just beyond it.
     """
-    room = max(tall - 2 * HALF, 2 * APART)
+    room = max(tall - 2 * half, 2 * apart)
     while high - low < HUGE:
         span = max(high - low, 1e-9 * max(abs(high), abs(low), 1e-3))
-        step = 10.0 ** math.ceil(math.log10(APART * span / room) - 1e-9)
+        step = 10.0 ** math.ceil(math.log10(apart * span / room) - 1e-9)
         first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
         if last > first:
             down, up, point = step * math.floor(low / step + 1e-9), step * math.ceil(high / step - 1e-9), span / room
-            least, most = down if low - down < NEAR * point else low, up if up - high < NEAR * point else high
-            if APART * (most - least) <= step * room:  # the labels still have room
+            least, most = down if low - down < near * point else low, up if up - high < near * point else high
+            if apart * (most - least) <= step * room:  # the labels still have room
                 low, high = least, most
-            return low - HALF * point, high + HALF * point
+            return low - half * point, high + half * point
         down, up = low - (first - 1) * step, (last + 1) * step - high
         low, high = (low, (last + 1) * step) if up <= down or low == 0 else ((first - 1) * step, high)
     return low, high

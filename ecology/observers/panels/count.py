@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers.panels.base import Batch, Ends, Panel, plot, population_height, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -41,4 +41,4 @@ class Count(Panel):
         """Return the plot if agents can be born or die."""
         if self.scene.alone or not (self.scene.grows or "died" in self.scene.marks):
             return []
-        return [plot("/population/count", "living")]
+        return [self.plot("/population/count", "living")]

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Ends, Panel, plot, population_height, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -48,4 +48,4 @@ class Drives(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot, of several agents."""
-        return [] if self.scene.alone else [plot("/population/drive", "drive of the living: mean, one sd")]
+        return [] if self.scene.alone else [self.plot("/population/drive", "drive of the living: mean, one sd")]

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import ALWAYS, NO_LEGEND, Batch, Panel, Watch, scalars, series, time_columns
+from ecology.observers.panels.base import Batch, Panel, Watch, scalars, series, time_columns
 from ecology.observers.scene import Scene
 
 
@@ -62,11 +62,9 @@ class Expectation(Panel):
         if self.name in self.scene.chosen:
             return []
         return [
-            rrb.TimeSeriesView(
-                origin=f"/learning/{self.name}",
+            self.plot(
+                f"/learning/{self.name}",
+                "J orange, drive met light blue",
                 contents=[f"+ /learning/{self.name}/J", f"+ /learning/{self.name}/met"],
-                name="J orange, drive met light blue",
-                plot_legend=NO_LEGEND,
-                axis_x=ALWAYS,
             )
         ]

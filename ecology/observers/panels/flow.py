@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, Watch, scalars, series
 from ecology.observers.scene import Scene
 
 TALL = 96  # points, of the plot on a small screen
@@ -50,4 +50,4 @@ class Flow(Panel):
         if self.scene.alone or not (self.scene.grows or "died" in self.scene.marks):
             return []
         died = "born (bright) and died (dim) so far" if self.scene.grows else "died so far"
-        return [plot("/population/flow", died)]
+        return [self.plot("/population/flow", died)]

@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 
 from ecology.ground import plane_of
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import THIRD_PLOT, Batch, Ends, Panel, Watch, scalars, series
 from ecology.observers.scene import Scene
 
 TALL = 150  # points, of a plot on a small screen
@@ -117,9 +117,12 @@ class Futures(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return what differs, and the curves of both."""
-        curves = [plot("/futures/drive", "own drive (fork thin)"), plot("/futures/apart", "distance")]
+        curves = [
+            self.plot("/futures/drive", "own drive (fork thin)", THIRD_PLOT),
+            self.plot("/futures/apart", "distance", THIRD_PLOT),
+        ]
         crowd = sum(group.size for group in self.scene.groups.values()) > 1
-        living = [plot("/futures/living", "living (fork thin)")] if crowd else []
+        living = [self.plot("/futures/living", "living (fork thin)", THIRD_PLOT)] if crowd else []
         return [
             rrb.TextDocumentView(origin="/futures/text", name="what differs"),
             rrb.Horizontal(*living, *curves),

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, population_height, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, Watch, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -44,4 +44,4 @@ class Measures(Panel):
         """Return the plot."""
         measures = self.scene.measures
         name = measures[0] if len(measures) == 1 else "measures and cues"
-        return [plot("/population/measures", name, legend=len(measures) > 1)]
+        return [self.plot("/population/measures", name, legend=len(measures) > 1)]

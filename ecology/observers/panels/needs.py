@@ -11,8 +11,11 @@ import rerun.blueprint as rrb
 from ecology.observers import colours
 from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import (
+    FULL_PLOT,
+    HALF_PLOT,
     NO_LEGEND,
     STATE_TICKS,
+    THIRD_PLOT,
     LifePanel,
     labelled,
     last,
@@ -61,6 +64,7 @@ class Needs(LifePanel):
                     name=f"{need.name}{_aim(need)}",
                     time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
                     plot_legend=NO_LEGEND,
+                    axis_x=self.recent_axis((FULL_PLOT, HALF_PLOT, THIRD_PLOT)[columns - 1]),
                     axis_y=_axis(need, HEIGHTS[min(rows, len(HEIGHTS)) - 1]),
                     overrides={
                         f"{self.base}/needs": rr.SeriesLines.from_fields(visible_series=shown, interpolation_mode=steps)

@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import FocusSamples
-from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
+from ecology.observers.panels.base import HALF_PLOT, LifePanel, scalars, series, time_columns
 
 
 class Reward(LifePanel):
@@ -26,4 +26,4 @@ class Reward(LifePanel):
         """Return the plot; after the fact, of many, no rewards are known."""
         if not self.scene.full and self.name in self.scene.chosen:
             return []
-        return [self.recent("reward", "reward", legend=False)]
+        return [self.recent("reward", "reward", HALF_PLOT, legend=False)]
