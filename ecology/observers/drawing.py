@@ -41,6 +41,7 @@ import rerun as rr
 from ecology.observers.layout import FORK, FORKED, blueprint, panels
 from ecology.observers.panels.base import Batch, Panel
 from ecology.observers.panels.futures import Futures
+from ecology.observers.panels.legend import Legend
 from ecology.observers.scene import Scene
 
 
@@ -89,6 +90,9 @@ class Drawing:
         for panel in self._fork[1]:
             panel.open(cast(rr.RecordingStream, Below(self._rec, FORKED)))
         self._futures.open(self._rec)
+        for panel in self._panels:
+            if isinstance(panel, Legend):  # the arena is smaller from now on
+                panel.open(self._rec)
 
     def lay_out(self, first: str | None) -> None:
         """Show the life of the species `first` first from now on."""

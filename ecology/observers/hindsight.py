@@ -14,6 +14,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -76,7 +77,7 @@ class Hindsight:
             run=name,
             every=int(np.diff(ticks[:2]).sum()) or 1,
             maps_every=0,
-            fork=self._fork_name() if f"/{FORKED}/world/walls" in entities else "",
+            **(self._fork() if f"/{FORKED}/world/walls" in entities else {}),
             full=len(drives[0]) > 0,
             few=few,
             lived_until=self._find_last_tick(),
@@ -258,10 +259,12 @@ class Hindsight:
         """Return the last recorded tick at which anybody lived, None where somebody does at the end."""
         return self._scene.lived_until
 
-    def _fork_name(self) -> str:
-        """Return what the other future is called that the recording shows too."""
-        texts = self._column("/futures/text", "TextDocument:text")[1]
-        return str(texts[0][0]).partition("**")[2].partition("**")[0] if len(texts) else "the fork"
+    def _fork(self) -> dict[str, Any]:
+        """Return what the other future is called that the recording shows too, and from which tick on it does."""
+        ticks, texts = self._column("/futures/text", "TextDocument:text")
+        if not len(texts):
+            return {"fork": "the fork"}
+        return {"fork": str(texts[0][0]).partition("**")[2].partition("**")[0], "forked_at": int(ticks[0])}
 
     def _reported_names(self, name: str) -> tuple[str, ...]:
         """Return the numbers that a species' mind reported, by name."""

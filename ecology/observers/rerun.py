@@ -283,7 +283,7 @@ class RerunObserver:
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
         how = self._how._replace(run=name)
         self._side = Side(how, tuple(asked), self._open_fork, watched=self._is_watched)
-        self._scene.fork = name
+        self._scene.fork, self._scene.forked_at = name, self._env.state_view.tick
         self._futures = Futures(self._scene)
         self._futures.begin(self._env.state_view.tick, change)
         return self._side

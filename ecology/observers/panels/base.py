@@ -202,12 +202,18 @@ class Panel:
         """Return the overrides with which the arena shows the entities of a layer."""
         return {}
 
-    def plot(self, origin: str, name: str, wide: float = HALF_PLOT, *, legend: bool = False, **more: Any) -> Any:
-        """Return a view, `wide` points wide, of series over the whole run; its name or a legend says which is which."""
+    def plot(
+        self, origin: str, name: str, wide: float = HALF_PLOT, *, since: int = 0, legend: bool = False, **more: Any
+    ) -> Any:
+        """Return a view, `wide` points wide, of series over the whole run, or from the tick `since` on.
+
+        Its name or a legend says which is which.
+        """
         at, axis = rrb.TimeRangeBoundary, ALWAYS
         if self.scene.span is not None:
-            low, high = labelled_ticks(*self.scene.span, wide)
-            axis = time_axis(at.absolute(seq=low), at.absolute(seq=high))
+            first, end = max(since, self.scene.span[0]), self.scene.span[1]
+            most = labelled_ticks(end - first, wide)
+            axis = time_axis(at.absolute(seq=first - (most // 20 if first else 0)), at.absolute(seq=first + most))
         return rrb.TimeSeriesView(
             origin=origin, name=name, plot_legend=LEGEND if legend else NO_LEGEND, axis_x=axis, **more
         )
@@ -219,11 +225,11 @@ class Panel:
         """
         if self.scene.span is None:
             return None
-        first, end = self.scene.span
-        low, high = labelled_ticks(max(first, end - STATE_TICKS), end, wide)
-        at = rrb.TimeRangeBoundary
-        start = at.infinite() if low == first else at.cursor_relative(seq=low - end)
-        return time_axis(start, at.cursor_relative(seq=high - end))
+        (first, end), at = self.scene.span, rrb.TimeRangeBoundary
+        most = labelled_ticks(end - first, wide)
+        if end - first <= STATE_TICKS:
+            return time_axis(at.infinite(), at.cursor_relative(seq=first + most - end))
+        return time_axis(at.cursor_relative(seq=-STATE_TICKS - STATE_TICKS // 20), at.cursor_relative(seq=0))
 
 
 class LifePanel(Panel):
@@ -329,21 +335,16 @@ def set_times(rec: rr.RecordingStream, tick: int, time: float) -> None:
     rec.set_time("sim_time", duration=float(time))
 
 
-def labelled_ticks(first: int, last: int, wide: float) -> tuple[int, int]:
-    """Return the range of ticks around `first` to `last` that shows two whole labels in a plot `wide` points wide.
+def labelled_ticks(number: int, wide: float) -> int:
+    """Return how many ticks an axis has that shows `number` of them with two whole labels, `wide` points wide.
 
-    The viewer labels the multiples of a power of ten: the least whose labels have room. It cuts off one that is close
-    to the right edge, also in a plot that is wider; at the left edge a label has the room below the other axis.
+    The viewer labels the multiples of a power of ten, counted from the first tick: the least whose labels have room.
+    It cuts off one that is close to the right edge; the axis has room for it here, also in a plot that is wider.
     """
     room = wide - HALF_WIDE
-    while True:
-        step = 10 ** max(0, math.ceil(math.log10(APART_WIDE * max(last - first, 1) / room)))
-        least, most = -(-first // step) * step, last // step * step
-        if most > least:
-            fine, end = max(step // 10, 1), max(last, first + math.ceil((most - first) * wide / room))
-            return first, -(-end // fine) * fine
-        down, up = first - (least - step), most + step - last
-        first, last = (first, last + up) if up <= down or first == 0 else (first - down, last)
+    step = 10 ** max(0, math.ceil(math.log10(APART_WIDE * max(number, 1) / room)))
+    last, fine = max(step, number // step * step), max(step // 10, 1)
+    return -(-max(number, math.ceil(last * wide / room)) // fine) * fine
 
 
 def labelled(

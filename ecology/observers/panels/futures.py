@@ -117,15 +117,14 @@ class Futures(Panel):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return what differs, and the curves of both."""
-        curves = [
-            self.plot("/futures/drive", "own drive (fork thin)", THIRD_PLOT),
-            self.plot("/futures/apart", "distance", THIRD_PLOT),
-        ]
-        crowd = sum(group.size for group in self.scene.groups.values()) > 1
-        living = [self.plot("/futures/living", "living (fork thin)", THIRD_PLOT)] if crowd else []
+        names = {"living": "living (fork thin)", "drive": "own drive (fork thin)", "apart": "distance"}
+        if sum(group.size for group in self.scene.groups.values()) == 1:
+            del names["living"]
+        at = self.scene.forked_at
+        curves = [self.plot(f"/futures/{what}", name, THIRD_PLOT, since=at) for what, name in names.items()]
         return [
             rrb.TextDocumentView(origin="/futures/text", name="what differs"),
-            rrb.Horizontal(*living, *curves),
+            rrb.Horizontal(*curves),
         ]
 
 
