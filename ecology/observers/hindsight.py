@@ -29,6 +29,7 @@ from ecology.observers.focus_requests import AGENTS, Click
 from ecology.observers.layout import FORKED, blueprint, life_panels
 from ecology.observers.panels.base import time_columns
 from ecology.observers.readback import chunks, plain, recording_id, replace_layout
+from ecology.observers.recording_file import open_stream
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.scenario import Scenario
 from ecology.spec import require
@@ -126,7 +127,7 @@ class Hindsight:
         scene = dataclasses.replace(self._scene, first=species, chosen=chosen)
         with self._lock, tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "layer.rrd"
-            rec = rr.RecordingStream(scene.application, recording_id=self._identity, send_properties=False)
+            rec = open_stream(scene.application, self._identity, send_properties=False)
             rec.set_sinks(rr.FileSink(str(path)))
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:

@@ -33,7 +33,7 @@ from ecology.observers.panels.base import Watch
 from ecology.observers.panels.decision import headline
 from ecology.observers.panels.futures import Futures
 from ecology.observers.readback import prepare_to_resume, replace_layout, span
-from ecology.observers.recording_file import RecordingFile
+from ecology.observers.recording_file import RecordingFile, open_stream
 from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
 from ecology.observers.viewer import (
@@ -345,10 +345,10 @@ class RerunObserver:
         if self._run.resume and self._path.exists():
             self._target, identity, layout = prepare_to_resume(self._path, tick, self._scene.application)
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
+        self._rec = open_stream(self._scene.application, identity)
         self._file = RecordingFile(self._target, self._rec)
         if layout:  # of several in a file one is shown by chance
-            self._rec.send_blueprint(blueprint(self._scene))
+            self._file.lay_out(blueprint(self._scene), self._scene.application)
         open_scene(self._rec, self._scene)
         self._drawing = Drawing(self._rec, self._scene)
         return identity is not None
