@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import json
-import logging
 import queue
 import threading
 import time
@@ -321,21 +319,22 @@ class Run:
         """Intervene between two ticks, as `ecology.interventions` describes it; return what was done.
 
         May be called before the run lives and, while it lives, from any thread, which then waits for the end of the
-        tick. An observer of the run, which cannot wait, is returned nothing: it is done when all have watched, or
-        refused with a warning where its agent is gone by then. Raises EcologyError, nothing being changed, where it
-        does not fit the world.
+        tick. An observer of the run, which cannot wait, is returned nothing; it is done when all have watched. Raises
+        EcologyError, nothing being changed, where it does not fit the world.
         """
         split(text)
         if self._living is None:
             self.tick = self._serve(self.tick)
             self.tick, said = self._do(text)
             return said
-        answer: Future[str] = Future()
         if self._living == threading.get_ident():
             check_command(self.scenario, text)
-            answer.add_done_callback(functools.partial(_warn_of_refusal, text))
+            self.schedule.add(self.now, text)
+            self.schedule.write()
+            return ""
+        answer: Future[str] = Future()
         self.schedule.requests.put((text, answer))
-        return "" if self._living == threading.get_ident() else answer.result()
+        return answer.result()
 
     def _do(self, text: str) -> tuple[Tick, str]:
         """Do an intervention that is not in the schedule, and write it there; return what is perceived then."""
@@ -604,9 +603,3 @@ def load_world(folder: Path) -> Scenario:
     check_run(folder)
     world = read_world(folder)
     return read_plan(folder).load() if world is None else world  # a run of an earlier version
-
-
-def _warn_of_refusal(text: str, answer: Future[str]) -> None:
-    """Warn where an observer's intervention was refused: it waits for no answer."""
-    if (error := answer.exception()) is not None:
-        logging.getLogger("ecology").warning("%r was refused: %s", text, error)
