@@ -171,7 +171,7 @@ def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Pat
     panel = Coupling(scene, "possessor")
     rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: told.update({entity: what}))
     weight = np.array([[1.0, 0.5]], np.float32), ["possessor_0"], ["possessor_0", "partner_1"]
-    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: weight}}]))
+    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "panels": {panel.key: weight}}]))
     image, _ = told["population/coupling/possessor/image"]
     height, width = (
         image.format.as_arrow_array().to_pylist()[0]["height"],
@@ -190,6 +190,6 @@ def test_no_forecast_is_drawn_nowhere(tmp_path: Path) -> None:
     panel = Ahead(scene, "agent")
     rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: logged.update({entity: what}))
     nothing = np.empty((0, 2)), np.empty((0, 2)), []
-    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: nothing}}]))
+    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "panels": {panel.key: nothing}}]))
     (ellipse,) = logged["world/forecast/agent"]
     assert np.isnan(ellipse.centers.as_arrow_array().to_pylist()).all()

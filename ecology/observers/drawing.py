@@ -24,8 +24,8 @@ panels/, say what is sampled and drawn:
     futures/{living,drive,apart,text}   both futures in one picture, and what differs
     events/interventions    TextLog: what was done from outside
 
-Timelines: "tick", and "sim_time" (one unit of the model's time shown as one second). A slot is taken
-by one agent after another: `serial` says which, and a series breaks where another life begins.
+The timeline is "tick". A slot is taken by one agent after another: `serial` says which, and a series
+breaks where another life begins.
 
 Rerun's plane has y downwards. Positions are written as they are; the transform of `world`, which
 mirrors y, turns the picture, so that y points up on the screen and numbers read there are true.

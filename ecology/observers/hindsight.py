@@ -29,7 +29,7 @@ from ecology.observers.focus_requests import AGENTS, Click
 from ecology.observers.layout import FORKED, blueprint, life_panels
 from ecology.observers.panels.base import time_columns
 from ecology.observers.readback import chunks, plain, recording_id, replace_layout
-from ecology.observers.recording_file import open_stream
+from ecology.observers.recording_file import RecordingFile, open_stream
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.scenario import Scenario
 from ecology.spec import require
@@ -127,16 +127,16 @@ class Hindsight:
         scene = dataclasses.replace(self._scene, first=species, chosen=chosen)
         with self._lock, tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "layer.rrd"
-            rec = open_stream(scene.application, self._identity, send_properties=False)
-            rec.set_sinks(rr.FileSink(str(path)))
+            rec = open_stream(scene.application, self._identity, named=False)
+            file = RecordingFile(path, rec)
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:
                 last = self._draw(rec, scene, species, serial, tick)
                 if last < self._serials[species][0][-1]:
                     scene = dataclasses.replace(scene, died={species: last})
-            rec.send_blueprint(blueprint(scene))
-            rec.flush()
-            rec.disconnect()
+            file.lay_out(blueprint(scene), scene.application)
+            file.append()
+            file.close()
             return path.read_bytes()
 
     def _meant(self, word: str) -> tuple[str, int | None]:
@@ -191,7 +191,6 @@ class Hindsight:
             mean = np.array([dict(zip(known, means[:, i], strict=True)).get(tick, np.nan) for tick in ticks[row]])
         life = FocusSamples(
             tick=ticks[row],
-            time=ticks[row] * scene.scenario.dt,
             internal=x,
             set_point=target,
             drive=drive,
@@ -234,7 +233,7 @@ class Hindsight:
         new = np.flatnonzero(np.append(True, shown[1:] != shown[:-1]))
         rec.send_columns(
             f"chosen/{who}/decision",
-            time_columns(ticks[new], ticks[new] * self._scene.scenario.dt),
+            time_columns(ticks[new]),
             rr.TextDocument.columns(text=shown[new].tolist(), media_type=["text/markdown"] * len(new)),
         )
 

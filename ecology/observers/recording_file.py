@@ -26,13 +26,13 @@ PATIENCE = 60.0  # seconds granted to the stream to make its bytes
 HEADER, FRAME, END = 12, struct.Struct("<QQ"), 0  # of Rerun's format: bytes, kind and length of a message, the last
 
 
-def open_stream(application: str, identity: str | None = None, **more: bool) -> rr.RecordingStream:
-    """Return a stream, and free those that nothing refers to any more.
+def open_stream(application: str, identity: str | None = None, *, named: bool = True) -> rr.RecordingStream:
+    """Return a stream, with Rerun's properties of a recording if it is `named`; free those that nothing refers to.
 
     Rerun keeps two threads and some memory for each until it is told so, as `rr.init` does.
     """
     rerun_bindings.flush_and_cleanup_orphaned_recordings()
-    return rr.RecordingStream(application, recording_id=identity, **more)
+    return rr.RecordingStream(application, recording_id=identity, send_properties=named)
 
 
 class RecordingFile:

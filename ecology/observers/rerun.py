@@ -226,7 +226,7 @@ class RerunObserver:
 
     def intervened(self, state: State, text: str, said: str) -> None:
         """Note what was done from outside: an event."""
-        self._sampler.deeds.append((state.tick, state.time, said))
+        self._sampler.deeds.append((state.tick, said))
 
     def held(self) -> None:
         """Show the world as it stands while the run waits."""
@@ -314,7 +314,7 @@ class RerunObserver:
                 self._sample(look)
             self._send()
             if found:
-                self._show("draw_final", {"tick": look.state.tick, "time": look.state.time, "panels": found})
+                self._show("draw_final", {"tick": look.state.tick, "panels": found})
             self._write()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
@@ -412,7 +412,7 @@ class Side(Observer):
 
     def intervened(self, state: State, text: str, said: str) -> None:
         """Note an intervention in the fork."""
-        self.sampler.deeds.append((state.tick, state.time, said))
+        self.sampler.deeds.append((state.tick, said))
         self.is_fresh = True
 
     def look(self) -> Watch:

@@ -19,7 +19,7 @@ from ecology.observers.panels.base import (
     Panel,
     Watch,
     labelled,
-    set_times,
+    set_tick,
 )
 
 TALL = 96  # points, of a chart on a small screen
@@ -39,7 +39,7 @@ class Bars(Panel):
         for s, found in zip(batch.samples, batch.of(self), strict=True):
             if not found:
                 continue
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             for name, (middle, width, number) in found.items():
                 # bars without width, at the ends of axes with two labels
                 ends = labelled(middle[0] - width / 2, middle[-1] + width / 2, HALF_PLOT, APART_WIDE, HALF_WIDE / 2, 0)

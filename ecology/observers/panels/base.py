@@ -48,7 +48,7 @@ class Watch:
     turned: bool = False  # whether a user requested another focus
     changed: frozenset[str] = frozenset()  # species whose focus is another since the last sample
     happened: Sequence[Happening] = ()  # since the last sample
-    deeds: Sequence[tuple[int, float, str]] = ()  # interventions since the last sample: tick, time, what was done
+    deeds: Sequence[tuple[int, str]] = ()  # interventions since the last sample: tick, what was done
     _plans: dict[str, Plan | None] = field(default_factory=dict)
     _decisions: dict[str, Decision | None] = field(default_factory=dict)
     _reports: dict[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
@@ -84,8 +84,8 @@ class Batch:
 
     def __init__(self, scene: Scene, samples: Sequence[Mapping[str, Any]]) -> None:
         self.scene, self.samples = scene, samples
-        self.ticks, self.clock = np.array([s["tick"] for s in samples]), np.array([s["time"] for s in samples])
-        self.times = time_columns(self.ticks, self.clock)
+        self.ticks = np.array([s["tick"] for s in samples])
+        self.times = time_columns(self.ticks)
 
     def of(self, panel: Panel) -> list[Any]:
         """Return what a panel sampled, n; None where it sampled nothing."""
@@ -93,15 +93,12 @@ class Batch:
 
     def at(self, rows: Sequence[int] | np.ndarray) -> list[rr.TimeColumn]:
         """Return the times of some samples."""
-        return time_columns(
-            np.array([self.samples[int(i)]["tick"] for i in rows]),
-            np.array([self.samples[int(i)]["time"] for i in rows]),
-        )
+        return time_columns(np.array([self.samples[int(i)]["tick"] for i in rows]))
 
     @functools.cached_property
     def column(self) -> dict[str, np.ndarray]:
         """Return what every sample holds of all slots, by name, (n, N, ...)."""
-        keys = ("tick", "time", "place", "heading", "internal", "drive", "reward", "serial", "action")
+        keys = ("tick", "place", "heading", "internal", "drive", "reward", "serial", "action")
         found = {key: np.stack([s[key] for s in self.samples]) for key in keys}
         if "set_point" in self.samples[0]:
             found["set_point"] = np.stack([s["set_point"] for s in self.samples])
@@ -127,7 +124,6 @@ class Batch:
         moving = "set_point" in column
         return FocusSamples(
             tick=column["tick"],
-            time=column["time"],
             internal=column["internal"][n, slot][:, :needs] + gap[:, None],
             set_point=column["set_point"][n, slot][:, :needs]
             if moving
@@ -250,7 +246,7 @@ class LifePanel(Panel):
         return rrb.TimeSeriesView(
             origin=f"/{self.base}/{what}",
             name=name,
-            time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+            time_ranges=last(STATE_TICKS),
             plot_legend=LEGEND if legend else NO_LEGEND,
             axis_x=self.recent_axis(wide),
         )
@@ -270,9 +266,9 @@ LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
 NO_LEGEND = rrb.PlotLegend(visible=False)
 
 
-def time_columns(ticks: np.ndarray, times: np.ndarray) -> list[rr.TimeColumn]:
-    """Return the two timelines of samples."""
-    return [rr.TimeColumn("tick", sequence=ticks), rr.TimeColumn("sim_time", duration=times)]
+def time_columns(ticks: np.ndarray) -> list[rr.TimeColumn]:
+    """Return the timeline of samples."""
+    return [rr.TimeColumn("tick", sequence=ticks)]
 
 
 def scalars(rec: rr.RecordingStream, entity: str, times: list[rr.TimeColumn], value: np.ndarray) -> None:
@@ -329,10 +325,9 @@ def write(rec: rr.RecordingStream, entity: str, places: Any, words: Sequence[str
     rec.log(entity, *text(places, words, [INK] * len(words)), static=True)
 
 
-def set_times(rec: rr.RecordingStream, tick: int, time: float) -> None:
+def set_tick(rec: rr.RecordingStream, tick: int) -> None:
     """Let what is logged next be of a tick."""
     rec.set_time("tick", sequence=tick)
-    rec.set_time("sim_time", duration=float(time))
 
 
 def labelled_ticks(number: int, wide: float) -> int:
@@ -390,7 +385,7 @@ class Ends:
         unseen = rr.SeriesPoints(colors=[[0, 0, 0, 0]] * 2, names=["end of the axis"] * 2, marker_sizes=[0.1, 0.1])
         rec.log(self._entity, unseen, static=True)
 
-    def draw(self, rec: rr.RecordingStream, ticks: np.ndarray, times: np.ndarray, value: np.ndarray) -> None:
+    def draw(self, rec: rr.RecordingStream, ticks: np.ndarray, value: np.ndarray) -> None:
         """Mark the range of the values (n, K) so far, where it has grown."""
         known = value[np.isfinite(value)]
         if not known.size:
@@ -401,7 +396,7 @@ class Ends:
         ends = labelled(self._low, self._high, self._tall)
         if ends != self._ends:
             self._ends = ends
-            scalars(rec, self._entity, time_columns(ticks[:1], times[:1]), np.array([ends]))
+            scalars(rec, self._entity, time_columns(ticks[:1]), np.array([ends]))
 
 
 def name_shades(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
@@ -422,12 +417,7 @@ def bounds(scene: Scene, below: float, above: float) -> rrb.VisualBounds2D:
     )
 
 
-def last(ticks: int, dt: float) -> rrb.VisibleTimeRanges:
-    """Return the range of the last `ticks` ticks on both timelines."""
+def last(ticks: int) -> rrb.VisibleTimeRanges:
+    """Return the range of the last `ticks` ticks."""
     at = rrb.TimeRangeBoundary.cursor_relative
-    return rrb.VisibleTimeRanges(
-        [
-            rrb.VisibleTimeRange("tick", start=at(seq=-ticks), end=at(seq=0)),
-            rrb.VisibleTimeRange("sim_time", start=at(seconds=-ticks * dt), end=at(seconds=0)),
-        ]
-    )
+    return rrb.VisibleTimeRanges([rrb.VisibleTimeRange("tick", start=at(seq=-ticks), end=at(seq=0))])

@@ -35,7 +35,7 @@ class Count(Panel):
         count = [np.isfinite(drive[:, g.slots]).sum(axis=1).astype(float) for g in self.scene.groups.values()]
         value = np.stack(count, axis=1)
         scalars(rec, "population/count", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot if agents can be born or die."""

@@ -39,8 +39,8 @@ class Drive(LifePanel):
         parts = [life.drive, *([] if life.own is None else [life.own, life.drive - life.own])]
         parts += [] if life.mean is None else [life.mean]
         value = np.stack(parts, axis=1)
-        scalars(rec, f"{self.base}/drive", time_columns(life.tick, life.time), value)
-        self._ends.draw(rec, life.tick, life.time, value)
+        scalars(rec, f"{self.base}/drive", time_columns(life.tick), value)
+        self._ends.draw(rec, life.tick, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""

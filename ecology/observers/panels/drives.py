@@ -44,7 +44,7 @@ class Drives(Panel):
             curves += [mean, mean - spread, mean + spread]
         value = np.stack(curves, axis=1)
         scalars(rec, "population/drive", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot, of several agents."""

@@ -38,7 +38,7 @@ class Everyone(Panel):
                     origin=f"/world/agents/{name}",
                     contents=f"/world/agents/{name}",
                     name=f"{need.name} of every {name}",
-                    time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+                    time_ranges=last(STATE_TICKS),
                     plot_legend=NO_LEGEND,
                     axis_x=self.recent_axis((FULL_PLOT, HALF_PLOT, THIRD_PLOT)[columns - 1]),
                     overrides={f"world/agents/{name}": [lines]},

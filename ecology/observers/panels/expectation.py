@@ -37,7 +37,7 @@ class Expectation(Panel):
         if watch.tick is None or decision is None:
             return None
         value = watch.minds[self.name].deviation(row, watch.tick.observations[self.name][row : row + 1])
-        met = self._past.judge(state.tick, state.time, float(decision.gamma), watch.env.dt)
+        met = self._past.judge(state.tick, float(decision.gamma), watch.env.dt)
         return decision.value if value is None else float(value[0]), met
 
     def open(self, rec: rr.RecordingStream) -> None:
@@ -54,8 +54,8 @@ class Expectation(Panel):
         scalars(rec, f"learning/{self.name}/J", batch.at(at), np.array([[found[i][0]] for i in at]))
         met = [each for i in at for each in found[i][1]]
         if met:
-            ticks, nows, value = (np.array(part) for part in zip(*met, strict=True))
-            scalars(rec, f"learning/{self.name}/met", time_columns(ticks, nows), value[:, None])
+            ticks, value = (np.array(part) for part in zip(*met, strict=True))
+            scalars(rec, f"learning/{self.name}/met", time_columns(ticks), value[:, None])
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot, of the focus alone."""

@@ -43,7 +43,7 @@ class Flow(Panel):
         """Draw them."""
         value = np.stack(batch.of(self))
         scalars(rec, "population/flow", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, np.append(value.ravel(), 1.0)[:, None])  # at least one
+        self._ends.draw(rec, batch.ticks, np.append(value.ravel(), 1.0)[:, None])  # at least one
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot where anybody can be born or die."""

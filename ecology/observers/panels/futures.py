@@ -110,7 +110,7 @@ class Futures(Panel):
         for what, ends in self._ends.items():
             value = np.array([np.atleast_1d(each[what]) for each in found], float)
             scalars(rec, f"futures/{what}", batch.times, value)
-            ends.draw(rec, batch.ticks, batch.clock, value)
+            ends.draw(rec, batch.ticks, value)
         texts = [each["text"] for each in found]
         documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
         rec.send_columns("futures/text", batch.times, documents)

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Panel, lay, set_times, text, write
+from ecology.observers.panels.base import Batch, Panel, lay, set_tick, text, write
 from ecology.observers.scene import DRIVE_SCALE, INK, Scene
 
 
@@ -47,6 +47,6 @@ class Legend(Panel):
             if s["top"] == self._top:
                 continue
             self._top = s["top"]
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             words = text(places, [what, f"{self._top:g}"], [INK] * 2)
             rec.log("world/legend/numbers", *words, rr.AnyValues(top=self._top))

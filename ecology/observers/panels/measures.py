@@ -38,7 +38,7 @@ class Measures(Panel):
         """Draw them."""
         value = np.stack(batch.of(self))
         scalars(rec, "population/measures", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""

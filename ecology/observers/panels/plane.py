@@ -33,7 +33,7 @@ class Plane(Panel):
             places = np.tile(low - 0.035 * scene.size, (len(values), 1))
             places[:, axis] = values
             words = [f"{name} {value:g}" if i == 0 else f"{value:g}" for i, value in enumerate(values)]
-            # an entity each: of one alone, the viewer writes "No data available" where no body is drawn
+            # an entity each, found by trial: with one, the viewer writes "No data available" where no body is drawn
             write(rec, f"world/axes/{name}", places, words)
 
 

@@ -20,7 +20,7 @@ class Reward(LifePanel):
     def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw it, where it is known."""
         if life.reward is not None:
-            scalars(rec, f"{self.base}/reward", time_columns(life.tick, life.time), life.reward[:, None])
+            scalars(rec, f"{self.base}/reward", time_columns(life.tick), life.reward[:, None])
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot; after the fact, of many, no rewards are known."""

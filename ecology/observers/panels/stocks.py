@@ -39,7 +39,7 @@ class Stocks(Panel):
         """Draw them."""
         value = np.stack(batch.of(self))
         scalars(rec, "population/stocks", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
