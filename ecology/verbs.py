@@ -218,6 +218,8 @@ def check_command(scenario: Scenario, text: str) -> None:
             switch("learning", words[1])
         if verb == "empathy":
             require(species.empathy is not None, f"the species {name!r} has no empathy.")
+            if words[1] not in ("on", "off"):
+                number("a weight of empathy", words[1])
     elif verb == "show":
         cue_value_of(scenario, name, words[1])
     elif verb == "change":

@@ -62,8 +62,8 @@ def served(tmp_path, monkeypatch):
     monkeypatch.setattr(page, "_viewer_files", files)
     made = []
 
-    def make(hear, dt=1.0, **words):
-        made.append(page.Page(page.Shown(["rerun+http://127.0.0.1:9876/proxy"], hear, **words), dt=dt, port=0))
+    def make(hear, **words):
+        made.append(page.Page(page.Shown(["rerun+http://127.0.0.1:9876/proxy"], hear, **words), port=0))
         return made[-1]
 
     yield make
@@ -92,7 +92,7 @@ def post(served, body, **headers):
 def test_a_page_shows_the_viewer(served, tmp_path):
     """It loads Rerun's files from itself alone, knows its token, serves what it was given and nothing else."""
     (tmp_path / "life.rrd").write_bytes(b"RRF2")
-    it = served(lambda click: None, files={"life.rrd": tmp_path / "life.rrd"}, dt=0.5)
+    it = served(lambda click: None, files={"life.rrd": tmp_path / "life.rrd"})
     assert it.url == f"http://127.0.0.1:{it.port}/"
     assert it._server.server_address[0] == "127.0.0.1"
     shown = ask(it, "GET", "/?renderer=webgl")
@@ -102,7 +102,6 @@ def test_a_page_shows_the_viewer(served, tmp_path):
         "token": it.token,
         "sources": ["rerun+http://127.0.0.1:9876/proxy"],
         "agents": "/world/agents/",
-        "dt": 0.5,
         "name": "",
         "live": False,
         "usages": [],

@@ -21,7 +21,7 @@ from ecology.observers import layout, maps, shapes
 from ecology.observers import panels as files
 from ecology.observers.layout import PLACED, UNTOUCHED, Box, blueprint
 from ecology.observers.panels.ahead import Ahead
-from ecology.observers.panels.base import Batch, Panel, labelled
+from ecology.observers.panels.base import Batch, Panel, labelled, labelled_ticks
 from ecology.observers.panels.coupling import Coupling
 from ecology.observers.panels.futures import Futures
 from ecology.observers.sampler import Sampler, Sampling
@@ -119,6 +119,18 @@ def test_a_label_just_beyond_the_data_is_whole() -> None:
     assert labelled(0, 1.3, 150)[1] < 1.5
 
 
+@pytest.mark.parametrize("wide", [205, 280, 680])
+@pytest.mark.parametrize("number", [1, 44, 99, 100, 450, 583, 800, 1_000, 1_990, 2_000, 5_000, 20_000, 1_000_000])
+def test_an_axis_of_ticks_has_two_whole_labels(number: int, wide: float) -> None:
+    """The axis of a finished recording shows the first two labels, and half a label is left right of the last one."""
+    most = labelled_ticks(number, wide)
+    assert most >= number
+    step = 10 ** max(0, math.ceil(math.log10(60 * most / wide)))
+    last = (most - 1) // step * step  # the viewer leaves out one at the right edge
+    assert last >= step
+    assert (most - last) * wide / most >= 20
+
+
 def test_a_resource_that_is_everywhere_is_drawn_on_the_floor(tmp_path: Path) -> None:
     """A circle that holds the whole arena has no outline, and the legend says so; others have names beside them."""
     for name, everywhere in (("laws", ["pool"]), ("colony", ["food"]), ("commons", []), ("paper", [])):
@@ -159,7 +171,7 @@ def test_a_coupling_of_one_row_is_a_picture_with_names_and_numbers(tmp_path: Pat
     panel = Coupling(scene, "possessor")
     rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: told.update({entity: what}))
     weight = np.array([[1.0, 0.5]], np.float32), ["possessor_0"], ["possessor_0", "partner_1"]
-    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: weight}}]))
+    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "panels": {panel.key: weight}}]))
     image, _ = told["population/coupling/possessor/image"]
     height, width = (
         image.format.as_arrow_array().to_pylist()[0]["height"],
@@ -178,6 +190,6 @@ def test_no_forecast_is_drawn_nowhere(tmp_path: Path) -> None:
     panel = Ahead(scene, "agent")
     rec = SimpleNamespace(set_time=lambda *_, **__: None, log=lambda entity, *what, **_: logged.update({entity: what}))
     nothing = np.empty((0, 2)), np.empty((0, 2)), []
-    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "time": 0.0, "panels": {panel.key: nothing}}]))
+    panel.draw(cast(Any, rec), Batch(scene, [{"tick": 0, "panels": {panel.key: nothing}}]))
     (ellipse,) = logged["world/forecast/agent"]
     assert np.isnan(ellipse.centers.as_arrow_array().to_pylist()).all()

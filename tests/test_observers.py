@@ -165,7 +165,7 @@ def test_a_decision_says_what_is_not_known():
     from ecology.observers.panels.decision import decision_text
 
     def head(**words):
-        return decision_text(census.Choice(4_011, 4011.0, "agent_0", choice(**words))).splitlines()[0]
+        return decision_text(census.Choice(4_011, "agent_0", choice(**words))).splitlines()[0]
 
     assert head(age=30) == "**agent_0**: **rest**, chosen at 3,981, tick 30; -ln(γ) J = 2.500"
     assert head(age=1, length=40, learned=False).endswith(

@@ -39,7 +39,6 @@ class Happening:
 
     kind: str
     tick: int
-    time: float
     slot: Ints  # (k,) agent to which it happened, or that did it
     serial: Ints  # (k,)
     place: Floats  # (k, 2)
@@ -81,7 +80,6 @@ class Census:
                 Happening(
                     kind=kind,
                     tick=state.tick,
-                    time=state.time,
                     slot=slot,
                     serial=state.serial[slot],
                     place=state.position[slot],
@@ -216,7 +214,6 @@ class Choice:
     """The decision of the agent in focus, as it stands after a tick."""
 
     tick: int
-    time: float
     name: str
     decision: Decision
     plan: tuple[str, ...] = ()  # the best that it sees ahead, where that was asked for
@@ -229,7 +226,6 @@ class FocusSamples:
     """The data of n samples about the agent in focus; a series breaks where it is NaN."""
 
     tick: Ints  # (n,)
-    time: Floats  # (n,)
     internal: Floats  # (n, needs) x
     drive: Floats  # (n,)
     own: Floats | None  # (n,) drive of its own needs, None where its species feels nothing of others
@@ -363,7 +359,7 @@ class Expectations:
     def __init__(self) -> None:
         self._serial, self._tick = -1, -1  # of the last drive
         self._drive: deque[float] = deque()  # of the ticks since the oldest expectation
-        self._expected: deque[tuple[int, float]] = deque()  # tick and time
+        self._expected: deque[int] = deque()  # ticks
 
     def follow(self, serial: int, tick: int, drive: float) -> None:
         """Add the drive of a tick, once even if the tick is shown again; start over with another life."""
@@ -377,15 +373,15 @@ class Expectations:
         if self._expected:
             self._drive.append(float(drive))
 
-    def judge(self, tick: int, now: float, gamma: float, dt: float) -> list[tuple[int, float, float]]:
-        """Record J at `tick`; return (tick, time, discounted drive afterwards) of records that are old enough."""
+    def judge(self, tick: int, gamma: float, dt: float) -> list[tuple[int, float]]:
+        """Record J at `tick`; return (tick, discounted drive afterwards) of records that are old enough."""
         met = []
-        self._expected.append((tick, now))
+        self._expected.append(tick)
         span = math.ceil(math.log(0.05) / math.log(gamma) / dt)  # ticks: what is later weighs 5 %
-        while tick - self._expected[0][0] >= span:
-            began, then = self._expected.popleft()
-            met.append((began, then, afterwards(np.array(self._drive)[:span], gamma, dt)))
-            for _ in range(self._expected[0][0] - began):
+        while tick - self._expected[0] >= span:
+            began = self._expected.popleft()
+            met.append((began, afterwards(np.array(self._drive)[:span], gamma, dt)))
+            for _ in range(self._expected[0] - began):
                 self._drive.popleft()
         return met
 

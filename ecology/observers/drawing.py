@@ -24,8 +24,8 @@ panels/, say what is sampled and drawn:
     futures/{living,drive,apart,text}   both futures in one picture, and what differs
     events/interventions    TextLog: what was done from outside
 
-Timelines: "tick", and "sim_time" (one unit of the model's time shown as one second). A slot is taken
-by one agent after another: `serial` says which, and a series breaks where another life begins.
+The timeline is "tick". A slot is taken by one agent after another: `serial` says which, and a series
+breaks where another life begins.
 
 Rerun's plane has y downwards. Positions are written as they are; the transform of `world`, which
 mirrors y, turns the picture, so that y points up on the screen and numbers read there are true.
@@ -41,6 +41,7 @@ import rerun as rr
 from ecology.observers.layout import FORK, FORKED, blueprint, panels
 from ecology.observers.panels.base import Batch, Panel
 from ecology.observers.panels.futures import Futures
+from ecology.observers.panels.legend import Legend
 from ecology.observers.scene import Scene
 
 
@@ -89,6 +90,9 @@ class Drawing:
         for panel in self._fork[1]:
             panel.open(cast(rr.RecordingStream, Below(self._rec, FORKED)))
         self._futures.open(self._rec)
+        for panel in self._panels:
+            if isinstance(panel, Legend):  # the arena is smaller from now on
+                panel.open(self._rec)
 
     def lay_out(self, first: str | None) -> None:
         """Show the life of the species `first` first from now on."""

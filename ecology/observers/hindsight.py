@@ -14,11 +14,11 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import rerun as rr
-from rerun.chunk import RrdReader
 
 from ecology import physiology
 from ecology.env import Ecology
@@ -28,9 +28,9 @@ from ecology.observers.census import HUNGRIEST, FocusSamples, without_functions
 from ecology.observers.focus_requests import AGENTS, Click
 from ecology.observers.layout import FORKED, blueprint, life_panels
 from ecology.observers.panels.base import time_columns
-from ecology.observers.readback import chunks, plain, recording_id
+from ecology.observers.readback import chunks, plain, recording_id, replace_layout
+from ecology.observers.recording_file import RecordingFile, open_stream
 from ecology.observers.scene import DEAD, FEW, Scene
-from ecology.observers.viewer import merge_recordings
 from ecology.scenario import Scenario
 from ecology.spec import require
 
@@ -78,10 +78,11 @@ class Hindsight:
             run=name,
             every=int(np.diff(ticks[:2]).sum()) or 1,
             maps_every=0,
-            fork=self._fork_name() if f"/{FORKED}/world/walls" in entities else "",
+            **(self._fork() if f"/{FORKED}/world/walls" in entities else {}),
             full=len(drives[0]) > 0,
             few=few,
             lived_until=self._find_last_tick(),
+            span=(int(ticks[0]), int(ticks[-1])),
             has_props=any(path.startswith("/world/props/") for path in entities),
         )
 
@@ -109,11 +110,9 @@ class Hindsight:
     def write_view(self, word: str | None, target: Path) -> Path:
         """Write the recording, with the layer of `word` in the place of its own layout, to the new file `target`."""
         with tempfile.TemporaryDirectory() as folder:
-            bare, layer = Path(folder) / "bare.rrd", Path(folder) / "layer.rrd"
-            stream = RrdReader(str(self._path)).stream()
-            stream.write_rrd(str(bare), application_id=self._scene.application, recording_id=self._identity)
+            layer = Path(folder) / "layer.rrd"
             layer.write_bytes(self.layer(word))
-            return merge_recordings([bare, layer], target)
+            return replace_layout(self._path, layer, target, self._scene.application)
 
     def layer(self, word: str | None = None, tick: int | None = None) -> bytes:
         """Return the layer, a recording, that shows an agent by name, or first the focus of a species.
@@ -128,16 +127,16 @@ class Hindsight:
         scene = dataclasses.replace(self._scene, first=species, chosen=chosen)
         with self._lock, tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "layer.rrd"
-            rec = rr.RecordingStream(scene.application, recording_id=self._identity, send_properties=False)
-            rec.set_sinks(rr.FileSink(str(path)))
+            rec = open_stream(scene.application, self._identity, named=False)
+            file = RecordingFile(path, rec)
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:
                 last = self._draw(rec, scene, species, serial, tick)
                 if last < self._serials[species][0][-1]:
                     scene = dataclasses.replace(scene, died={species: last})
-            rec.send_blueprint(blueprint(scene))
-            rec.flush()
-            rec.disconnect()
+            file.lay_out(blueprint(scene), scene.application)
+            file.append()
+            file.close()
             return path.read_bytes()
 
     def _meant(self, word: str) -> tuple[str, int | None]:
@@ -192,7 +191,6 @@ class Hindsight:
             mean = np.array([dict(zip(known, means[:, i], strict=True)).get(tick, np.nan) for tick in ticks[row]])
         life = FocusSamples(
             tick=ticks[row],
-            time=ticks[row] * scene.scenario.dt,
             internal=x,
             set_point=target,
             drive=drive,
@@ -235,7 +233,7 @@ class Hindsight:
         new = np.flatnonzero(np.append(True, shown[1:] != shown[:-1]))
         rec.send_columns(
             f"chosen/{who}/decision",
-            time_columns(ticks[new], ticks[new] * self._scene.scenario.dt),
+            time_columns(ticks[new]),
             rr.TextDocument.columns(text=shown[new].tolist(), media_type=["text/markdown"] * len(new)),
         )
 
@@ -261,10 +259,12 @@ class Hindsight:
         """Return the last recorded tick at which anybody lived, None where somebody does at the end."""
         return self._scene.lived_until
 
-    def _fork_name(self) -> str:
-        """Return what the other future is called that the recording shows too."""
-        texts = self._column("/futures/text", "TextDocument:text")[1]
-        return str(texts[0][0]).partition("**")[2].partition("**")[0] if len(texts) else "the fork"
+    def _fork(self) -> dict[str, Any]:
+        """Return what the other future is called that the recording shows too, and from which tick on it does."""
+        ticks, texts = self._column("/futures/text", "TextDocument:text")
+        if not len(texts):
+            return {"fork": "the fork"}
+        return {"fork": str(texts[0][0]).partition("**")[2].partition("**")[0], "forked_at": int(ticks[0])}
 
     def _reported_names(self, name: str) -> tuple[str, ...]:
         """Return the numbers that a species' mind reported, by name."""

@@ -239,6 +239,7 @@ def _add(overrides: dict[Any, Any], more: Mapping[Any, Any]) -> None:
 def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
     overrides: dict[Any, Any] = {}
     below = f"{FORKED}/world" if forked else "world"
+    above = (0.11 + 0.055 * len(scene.legend_rows())) * scene.legend_unit / scene.size
     for entity in UNTOUCHED:  # a click finds bodies alone
         overrides[f"{below}/{entity}"] = rrb.EntityBehavior(interactive=False)
     if forked:
@@ -249,7 +250,7 @@ def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
             contents=[f"+ /{FORKED}/world/**"],
             name=scene.fork,
             background=BACKGROUND,
-            visual_bounds=bounds(scene, 0.09, 0.11),
+            visual_bounds=bounds(scene, 0.09, above),
             overrides=overrides,
         )
     for panel in panels(scene, ARENA):
@@ -267,6 +268,6 @@ def _arena_view(scene: Scene, *, forked: bool = False) -> rrb.Spatial2DView:
         contents=["+ /world/**", "- /world/maps/**", "- /world/here/**", "- /world/chosen/**", *shown],
         name=scene.run if scene.fork else f"{scene.run}: {what}, {seen}",  # half as wide beside a fork
         background=BACKGROUND,
-        visual_bounds=bounds(scene, 0.09, 0.11 + 0.055 * len(scene.legend_rows())),
+        visual_bounds=bounds(scene, 0.09, above),
         overrides=overrides,
     )

@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 
 from ecology.ground.outline import drawn_lines
 from ecology.observers import colours
-from ecology.observers.recording_file import RecordingFile
+from ecology.observers.recording_file import RecordingFile, open_stream
 from ecology.observers.viewer import join_recordings
 from ecology.scenario import Scenario
 from ecology.state import Floats
@@ -45,10 +45,10 @@ class Overview:
             from ecology.observers.readback import prepare_to_resume
 
             self._target, identity, layout = prepare_to_resume(path, after, application)
-        self._rec = rr.RecordingStream(application, recording_id=identity)
+        self._rec = open_stream(application, identity)
         self._file = RecordingFile(self._target, self._rec)
         if layout:
-            self._rec.send_blueprint(self._blueprint(name))
+            self._file.lay_out(self._blueprint(name), application)
         self._open()
 
     def _open(self) -> None:

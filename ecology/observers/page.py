@@ -71,11 +71,10 @@ class Shown:
 class Page:
     """Serves the viewer and hears clicks, in threads of its own, until it is closed."""
 
-    def __init__(self, shown: Shown, *, dt: float = 1.0, port: int = WEB_PORT, name: str = "") -> None:
+    def __init__(self, shown: Shown, *, port: int = WEB_PORT, name: str = "") -> None:
         """Serve from now on.
 
-        dt: units of time per tick. port: a free one for 0. Raises EcologyError where the port is taken. name: of the
-        run.
+        port: a free one for 0. Raises EcologyError where the port is taken. name: of the run.
         """
         self.port = free_port(LOOPBACK, port)
         self.token = secrets.token_urlsafe(32)
@@ -91,7 +90,7 @@ class Page:
             f"img-src 'self' data: blob:; connect-src 'self' {runs}; worker-src blob:; frame-ancestors 'none'"
         )
         self._viewer = {f"/{path.name}": path for path in viewer}
-        words = {"token": self.token, "agents": f"{AGENTS}/", "dt": dt, "name": name}
+        words = {"token": self.token, "agents": f"{AGENTS}/", "name": name}
         self._served = type("Served", (_Handler,), {"words": words, "token": self.token, "policy": policy})
         self._show(shown)
         self._server = _Server((LOOPBACK, self.port), self._served)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,15 @@ from ecology.observers import census, colours
 from ecology.observers.frame import Followed, Frame
 from ecology.observers.recording_file import cut
 from ecology.observers.scene import MARKED, STEPS
-from ecology.observers.viewer import is_complete, join_recordings, open_recording, recording_parts, resumed_path
+from ecology.observers.viewer import (
+    RECORDING,
+    is_complete,
+    join_recordings,
+    merge_recordings,
+    open_recording,
+    recording_parts,
+    resumed_path,
+)
 from ecology.scenario import Scenario
 from ecology.spec import Species, require
 
@@ -73,6 +82,17 @@ def prepare_to_resume(path: Path, tick: int, application: str) -> tuple[Path, st
         join_recordings(recording_parts(path), path)
     identity = recording_id(path)
     return target, identity, cut(path, tick, application, identity)
+
+
+def replace_layout(path: Path, layer: Path, target: Path, application: str) -> Path:
+    """Write the recording at `path`, with what `layer` holds in the place of its layout, to `target`, which it may be.
+
+    Of several layouts in a file, one is shown by chance.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        bare = Path(folder) / RECORDING
+        RrdReader(str(path)).stream().write_rrd(str(bare), application_id=application, recording_id=recording_id(path))
+        return merge_recordings([bare, layer], target)
 
 
 def follow(run: Path | str, scenario: Scenario, frames: Sequence[Frame], who: str | None = None) -> list[Frame]:

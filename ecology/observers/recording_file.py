@@ -9,11 +9,14 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.compute as pc
 import rerun as rr
+import rerun.blueprint as rrb
+import rerun_bindings
 from rerun.chunk import Chunk, RrdReader
 
 from ecology.errors import EcologyError
@@ -21,6 +24,15 @@ from ecology.observers.viewer import unfinished_path
 
 PATIENCE = 60.0  # seconds granted to the stream to make its bytes
 HEADER, FRAME, END = 12, struct.Struct("<QQ"), 0  # of Rerun's format: bytes, kind and length of a message, the last
+
+
+def open_stream(application: str, identity: str | None = None, *, named: bool = True) -> rr.RecordingStream:
+    """Return a stream, with Rerun's properties of a recording if it is `named`; free those that nothing refers to.
+
+    Rerun keeps two threads and some memory for each until it is told so, as `rr.init` does.
+    """
+    rerun_bindings.flush_and_cleanup_orphaned_recordings()
+    return rr.RecordingStream(application, recording_id=identity, send_properties=named)
 
 
 class RecordingFile:
@@ -32,6 +44,14 @@ class RecordingFile:
         path.unlink(missing_ok=True)  # not through a link
         self._file = path.open("xb", buffering=0)
         self._size, self._waiting, self._begun = 0, b"", False
+
+    def lay_out(self, layout: rrb.Blueprint, application: str) -> None:
+        """Let the file begin with a layout; a stream that is sent one keeps its memory for good."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "layout.rbl"
+            layout.save(application, path)
+            self._waiting += _messages(path.read_bytes(), head=not self._begun)
+        self._begun = True
 
     def append(self) -> None:
         """Write what was logged; OSError, which names the file, where there is no room, nothing being lost."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ os.environ.setdefault("RUST_LOG", "warn,re_sdk::binary_stream_sink=error")
 import rerun as rr
 
 from ecology.env import Ecology
+from ecology.errors import EcologyError
 from ecology.observers import relay
 from ecology.observers.base import Mind, Observer
 from ecology.observers.control import Control
@@ -30,8 +32,8 @@ from ecology.observers.layout import FORK, blueprint
 from ecology.observers.panels.base import Watch
 from ecology.observers.panels.decision import headline
 from ecology.observers.panels.futures import Futures
-from ecology.observers.readback import prepare_to_resume
-from ecology.observers.recording_file import RecordingFile
+from ecology.observers.readback import prepare_to_resume, replace_layout, span
+from ecology.observers.recording_file import RecordingFile, open_stream
 from ecology.observers.sampler import Sampler, Sampling
 from ecology.observers.scene import Scene
 from ecology.observers.viewer import (
@@ -224,7 +226,7 @@ class RerunObserver:
 
     def intervened(self, state: State, text: str, said: str) -> None:
         """Note what was done from outside: an event."""
-        self._sampler.deeds.append((state.tick, state.time, said))
+        self._sampler.deeds.append((state.tick, said))
 
     def held(self) -> None:
         """Show the world as it stands while the run waits."""
@@ -281,7 +283,7 @@ class RerunObserver:
         asked.sort(key=lambda each: each.rpartition("_")[0] != first)
         how = self._how._replace(run=name)
         self._side = Side(how, tuple(asked), self._open_fork, watched=self._is_watched)
-        self._scene.fork = name
+        self._scene.fork, self._scene.forked_at = name, self._env.state_view.tick
         self._futures = Futures(self._scene)
         self._futures.begin(self._env.state_view.tick, change)
         return self._side
@@ -312,12 +314,21 @@ class RerunObserver:
                 self._sample(look)
             self._send()
             if found:
-                self._show("draw_final", {"tick": look.state.tick, "time": look.state.time, "panels": found})
+                self._show("draw_final", {"tick": look.state.tick, "panels": found})
             self._write()
         if self._path:
             parts = [self._path] if self._target == self._path else [self._path, self._target]
-            if len(parts) > 1 or self._path.stat().st_size <= TIDY:
-                join_recordings(parts, self._path)
+            if (len(parts) > 1 or self._path.stat().st_size <= TIDY) and join_recordings(parts, self._path):
+                self._lay_out_file()
+
+    def _lay_out_file(self) -> None:
+        """Give the recording a layout that knows where it ends; it keeps the one it has where there is no room."""
+        assert self._path is not None
+        self._scene.span = span(self._path)
+        with tempfile.TemporaryDirectory() as folder, contextlib.suppress(OSError, RuntimeError, EcologyError):
+            layout = Path(folder) / "layout.rbl"
+            blueprint(self._scene).save(self._scene.application, layout)
+            replace_layout(self._path, layout, self._path, self._scene.application)
 
     def _open(self, tick: int) -> bool:
         """Open the file, if there is one, and draw the first screen there; return whether it continues a recording.
@@ -334,10 +345,10 @@ class RerunObserver:
         if self._run.resume and self._path.exists():
             self._target, identity, layout = prepare_to_resume(self._path, tick, self._scene.application)
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._rec = rr.RecordingStream(self._scene.application, recording_id=identity)
+        self._rec = open_stream(self._scene.application, identity)
         self._file = RecordingFile(self._target, self._rec)
         if layout:  # of several in a file one is shown by chance
-            self._rec.send_blueprint(blueprint(self._scene))
+            self._file.lay_out(blueprint(self._scene), self._scene.application)
         open_scene(self._rec, self._scene)
         self._drawing = Drawing(self._rec, self._scene)
         return identity is not None
@@ -401,7 +412,7 @@ class Side(Observer):
 
     def intervened(self, state: State, text: str, said: str) -> None:
         """Note an intervention in the fork."""
-        self.sampler.deeds.append((state.tick, state.time, said))
+        self.sampler.deeds.append((state.tick, said))
         self.is_fresh = True
 
     def look(self) -> Watch:

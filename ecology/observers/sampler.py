@@ -70,7 +70,7 @@ class Sampler:
         self._is_watched, self._close = watched, -math.inf  # by the clock, when it was last looked at closely
         self._did = (-1, -1)  # slot and action of the one that is shown first
         self.tick: Tick | None = None  # the last one
-        self.deeds: list[tuple[int, float, str]] = []  # interventions since the last sample
+        self.deeds: list[tuple[int, str]] = []  # interventions since the last sample
         self._follow()
 
     def _make_scene(self, how: Sampling, *, mapped: bool) -> Scene:
@@ -193,7 +193,6 @@ class Sampler:
         acted = alive if tick is not None else alive & (state.tick > 0)
         sample: dict[str, Any] = {
             "tick": state.tick,
-            "time": state.time,
             "place": np.where(alive[:, None], state.position, np.nan).astype(np.float32),
             "heading": state.heading.astype(np.float32),
             "internal": np.where(alive[:, None], state.internal, np.nan).astype(np.float32),

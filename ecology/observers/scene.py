@@ -47,8 +47,10 @@ class Scene:
     full: bool  # whether every agent's drive and reward are recorded
     few: bool  # whether every agent has a trail
     lived_until: int | None = None  # last recorded tick at which anybody lived, of a recording where nobody does
+    span: tuple[int, int] | None = None  # first and last tick of a recording whose run is over
     has_props: bool = False  # whether the scenario names what to draw besides
     fork: str = ""  # name of the other future that is shown beside it
+    forked_at: int = 0  # tick from which on it is shown
     chosen: Mapping[str, str] = field(default_factory=dict)  # species -> who is shown after the fact instead
     died: Mapping[str, int] = field(default_factory=dict)  # species -> last recorded tick of that one, where it died
 
@@ -119,13 +121,18 @@ class Scene:
         found += [(shapes.KINDS[kind], MARKED[kind]) for kind in self.marks]
         return found
 
+    @property
+    def legend_unit(self) -> float:
+        """Return the length by which the legend is laid out: beside a fork, the arena is smaller than its words."""
+        return self.size * (1.55 if self.fork else 1.0)
+
     def legend_rows(self) -> list[list[tuple[float, str, colours.Colour]]]:
         """Return the rows of the legend: words with their place along x, from the arena's left side."""
         width = np.ptp(np.array(self.scenario.arena.vertices, float)[:, 0])
         rows: list[list[tuple[float, str, colours.Colour]]] = [[]]
         at = 0.0
         for word, shade in self._legend():
-            wide = self.size * (0.07 + 0.02 * len(word))
+            wide = self.legend_unit * (0.07 + 0.02 * len(word))
             if at + wide > width and rows[-1]:
                 rows.append([])
                 at = 0.0

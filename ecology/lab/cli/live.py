@@ -173,7 +173,7 @@ class Audience:
             name = self._run.folder.absolute().name
             try:  # at the usual port only now: another run that starts would find the same one free
                 port = web_port(self._port)
-                self._page = Page(Shown([source], self.hear, desk=self), dt=env.dt, port=port, name=name)
+                self._page = Page(Shown([source], self.hear, desk=self), port=port, name=name)
                 print(
                     f"watch in a browser: {self._page.url} (every program on this machine can open it, and pause or "
                     "change the run there)",

@@ -41,7 +41,7 @@ class DecisionRecorder(Observer):
         row = self._follow(state, minds)
         decision = None if row is None else minds[self._species].decision(row)
         if decision is not None and not decision.recalled:
-            choice = Choice(state.tick, state.time, f"{self._species}_{self._serial}", decision)
+            choice = Choice(state.tick, f"{self._species}_{self._serial}", decision)
             self.texts[state.tick] = decision_text(choice)
 
 

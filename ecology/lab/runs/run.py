@@ -42,7 +42,7 @@ from ecology.observers.base import Observer
 from ecology.observers.control import Control
 from ecology.observers.mailbox import Mailbox
 from ecology.schedule import ScheduledTick
-from ecology.verbs import split
+from ecology.verbs import check_command, split
 
 DO = "do"  # kind of the requests of `ecology do`
 LOOK = 0.1  # seconds between two looks for requests of other processes
@@ -330,6 +330,7 @@ class Run:
             self.tick, said = self._do(text)
             return said
         if self._living == threading.get_ident():
+            check_command(self.scenario, text)
             self.schedule.add(self.now, text)
             self.schedule.write()
             return ""

@@ -35,19 +35,18 @@ class Action(LifePanel):
         changed = np.flatnonzero(life.action != before)
         if changed.size:
             words = [self.species.actions[a].name if a != DEAD else "" for a in life.action[changed]]
-            times = time_columns(life.tick[changed], life.time[changed])
+            times = time_columns(life.tick[changed])
             rec.send_columns(f"{self.base}/action", times, rr.StateChange.columns(state=words))
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the lane."""
-        # in ticks, the timeline of the first screen; on sim_time the lane shows the present action alone
         at = rrb.TimeRangeBoundary.cursor_relative
         latest = rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=at(seq=-ACTION_TICKS), end=at(seq=0)))
         return [
             rrb.StateTimelineView(
                 origin=f"/{self.base}/action",
                 name=f"action, last {ACTION_TICKS} ticks",
-                time_ranges=last(ACTION_TICKS, self.scene.scenario.dt),
+                time_ranges=last(ACTION_TICKS),
                 time_view=latest,
             )
         ]

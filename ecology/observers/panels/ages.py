@@ -10,7 +10,19 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census
-from ecology.observers.panels.base import NO_LEGEND, Batch, Panel, Watch, set_times
+from ecology.observers.panels.base import (
+    APART_WIDE,
+    HALF_PLOT,
+    HALF_WIDE,
+    NO_LEGEND,
+    Batch,
+    Panel,
+    Watch,
+    labelled,
+    set_tick,
+)
+
+TALL = 96  # points, of a chart on a small screen
 
 
 class Bars(Panel):
@@ -27,10 +39,14 @@ class Bars(Panel):
         for s, found in zip(batch.samples, batch.of(self), strict=True):
             if not found:
                 continue
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             for name, (middle, width, number) in found.items():
-                shade, wide = self.scene.colour(name.partition("/")[0]), np.full(len(middle), 0.9 * width)
-                bars = rr.BarChart(number, abscissa=middle - wide / 2, widths=wide, color=shade)
+                # bars without width, at the ends of axes with two labels
+                ends = labelled(middle[0] - width / 2, middle[-1] + width / 2, HALF_PLOT, APART_WIDE, HALF_WIDE / 2, 0)
+                top = labelled(0, max(float(number.max()), 1), TALL)[1]
+                at, wide = np.append(middle - 0.45 * width, ends), np.append(np.full(len(middle), 0.9 * width), [0, 0])
+                shade = self.scene.colour(name.partition("/")[0])
+                bars = rr.BarChart(np.append(number, [0, top]), abscissa=at, widths=wide, color=shade)
                 rec.log(f"{self.entity}/{name}", bars)
 
 

@@ -9,7 +9,7 @@ import rerun as rr
 
 from ecology.decision import Decision
 from ecology.ground import plane_of
-from ecology.observers.panels.base import Batch, Panel, Watch, last, set_times
+from ecology.observers.panels.base import Batch, Panel, Watch, last, set_tick
 from ecology.observers.scene import Scene
 
 PLAN, GHOST = (255, 210, 63), (190, 150, 255)
@@ -26,7 +26,7 @@ class Ahead(Panel):
         self._made: tuple[int, int] = (-1, -1)  # serial and tick of the decision that is in force
         self._shown: tuple[int, int] | None = None  # the decision whose plan was last drawn
         self._hoped: np.ndarray | None = None  # (2,) where it was to lead
-        self._misses: list[tuple[int, float, np.ndarray]] = []  # tick, time, and forecast and arrival (2, 2)
+        self._misses: list[tuple[int, np.ndarray]] = []  # tick, and forecast and arrival (2, 2)
 
     def is_there(self) -> bool:
         """Return whether the mind of the species shows its decisions, and senses where it is."""
@@ -48,7 +48,7 @@ class Ahead(Panel):
         here = self._place(decision.zeta)
         if self._hoped is not None and self._made[0] == serial:
             gap = plane_of(self.scene.scenario.arena).gap(self._hoped[None], here[None])[0]
-            self._misses.append((state.tick, state.time, np.stack([self._hoped, self._hoped + gap])))
+            self._misses.append((state.tick, np.stack([self._hoped, self._hoped + gap])))
         self._made, self._hoped = (serial, state.tick), self._forecast(decision)
 
     def _forecast(self, decision: Decision) -> np.ndarray | None:
@@ -83,12 +83,12 @@ class Ahead(Panel):
     def draw(self, rec: rr.RecordingStream, batch: Batch) -> None:
         """Draw them."""
         for s, (path, ghost, misses) in zip(batch.samples, batch.of(self), strict=True):
-            for tick, now, line in misses:
-                set_times(rec, tick, now)
+            for tick, line in misses:
+                set_tick(rec, tick)
                 rec.log(f"world/came/{self.name}", rr.LineStrips2D.from_fields(strips=[line]))
             if path is None:
                 continue
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             strips = [path] if len(path) else []
             rec.log(f"world/plan/{self.name}", rr.LineStrips2D.from_fields(strips=strips))
             centre = ghost if len(ghost) else np.full((1, 2), np.nan)  # without one it would be drawn at the origin
@@ -96,4 +96,4 @@ class Ahead(Panel):
 
     def overrides(self) -> dict[Any, Any]:
         """Show the last misses."""
-        return {f"world/came/{self.name}": last(CAME_TICKS, self.scene.scenario.dt)}
+        return {f"world/came/{self.name}": last(CAME_TICKS)}

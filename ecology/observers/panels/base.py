@@ -26,6 +26,8 @@ STATE_TICKS = 2_000  # of the internal state on the first screen: two labels of 
 HUGE = 1e300  # range of an axis that is left alone
 APART, HALF = 20, 8  # points: between two labels of an axis, at least, and half a label
 NEAR = 22  # points beyond a range within which the viewer would draw a label, and cut it off
+APART_WIDE, HALF_WIDE = 62, 28  # points: between two labels of an axis of ticks, at least, and half a label
+FULL_PLOT, HALF_PLOT, THIRD_PLOT = 680, 280, 205  # points, of a plot on a small screen, by its part of the right side
 STRIP_TALL, ALONE_TALL = 66, 96  # points, of a plot of populations below minds, and without any, on a small screen
 
 
@@ -46,7 +48,7 @@ class Watch:
     turned: bool = False  # whether a user requested another focus
     changed: frozenset[str] = frozenset()  # species whose focus is another since the last sample
     happened: Sequence[Happening] = ()  # since the last sample
-    deeds: Sequence[tuple[int, float, str]] = ()  # interventions since the last sample: tick, time, what was done
+    deeds: Sequence[tuple[int, str]] = ()  # interventions since the last sample: tick, what was done
     _plans: dict[str, Plan | None] = field(default_factory=dict)
     _decisions: dict[str, Decision | None] = field(default_factory=dict)
     _reports: dict[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
@@ -82,8 +84,8 @@ class Batch:
 
     def __init__(self, scene: Scene, samples: Sequence[Mapping[str, Any]]) -> None:
         self.scene, self.samples = scene, samples
-        self.ticks, self.clock = np.array([s["tick"] for s in samples]), np.array([s["time"] for s in samples])
-        self.times = time_columns(self.ticks, self.clock)
+        self.ticks = np.array([s["tick"] for s in samples])
+        self.times = time_columns(self.ticks)
 
     def of(self, panel: Panel) -> list[Any]:
         """Return what a panel sampled, n; None where it sampled nothing."""
@@ -91,15 +93,12 @@ class Batch:
 
     def at(self, rows: Sequence[int] | np.ndarray) -> list[rr.TimeColumn]:
         """Return the times of some samples."""
-        return time_columns(
-            np.array([self.samples[int(i)]["tick"] for i in rows]),
-            np.array([self.samples[int(i)]["time"] for i in rows]),
-        )
+        return time_columns(np.array([self.samples[int(i)]["tick"] for i in rows]))
 
     @functools.cached_property
     def column(self) -> dict[str, np.ndarray]:
         """Return what every sample holds of all slots, by name, (n, N, ...)."""
-        keys = ("tick", "time", "place", "heading", "internal", "drive", "reward", "serial", "action")
+        keys = ("tick", "place", "heading", "internal", "drive", "reward", "serial", "action")
         found = {key: np.stack([s[key] for s in self.samples]) for key in keys}
         if "set_point" in self.samples[0]:
             found["set_point"] = np.stack([s["set_point"] for s in self.samples])
@@ -125,7 +124,6 @@ class Batch:
         moving = "set_point" in column
         return FocusSamples(
             tick=column["tick"],
-            time=column["time"],
             internal=column["internal"][n, slot][:, :needs] + gap[:, None],
             set_point=column["set_point"][n, slot][:, :needs]
             if moving
@@ -200,6 +198,35 @@ class Panel:
         """Return the overrides with which the arena shows the entities of a layer."""
         return {}
 
+    def plot(
+        self, origin: str, name: str, wide: float = HALF_PLOT, *, since: int = 0, legend: bool = False, **more: Any
+    ) -> Any:
+        """Return a view, `wide` points wide, of series over the whole run, or from the tick `since` on.
+
+        Its name or a legend says which is which.
+        """
+        at, axis = rrb.TimeRangeBoundary, ALWAYS
+        if self.scene.span is not None:
+            first, end = max(since, self.scene.span[0]), self.scene.span[1]
+            most = labelled_ticks(end - first, wide)
+            axis = time_axis(at.absolute(seq=first - (most // 20 if first else 0)), at.absolute(seq=first + most))
+        return rrb.TimeSeriesView(
+            origin=origin, name=name, plot_legend=LEGEND if legend else NO_LEGEND, axis_x=axis, **more
+        )
+
+    def recent_axis(self, wide: float) -> rrb.TimeAxis | None:
+        """Return the axis of a plot, `wide` points wide, of the last ticks before the cursor; None while a run goes on.
+
+        By itself, a view takes the range of what it shows.
+        """
+        if self.scene.span is None:
+            return None
+        (first, end), at = self.scene.span, rrb.TimeRangeBoundary
+        most = labelled_ticks(end - first, wide)
+        if end - first <= STATE_TICKS:
+            return time_axis(at.infinite(), at.cursor_relative(seq=first + most - end))
+        return time_axis(at.cursor_relative(seq=-STATE_TICKS - STATE_TICKS // 20), at.cursor_relative(seq=0))
+
 
 class LifePanel(Panel):
     """A panel about the life of a species' agent in focus, or of any agent of a finished recording."""
@@ -214,30 +241,34 @@ class LifePanel(Panel):
         """Draw a life."""
         return
 
-    def recent(self, what: str, name: str, *, legend: bool = True) -> rrb.TimeSeriesView:
+    def recent(self, what: str, name: str, wide: float = FULL_PLOT, *, legend: bool = True) -> rrb.TimeSeriesView:
         """Return a view of the last ticks of `what` of the agent."""
         return rrb.TimeSeriesView(
             origin=f"/{self.base}/{what}",
             name=name,
-            time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+            time_ranges=last(STATE_TICKS),
             plot_legend=LEGEND if legend else NO_LEGEND,
+            axis_x=self.recent_axis(wide),
         )
 
 
 # ---- how panels draw ------------------------------------------------------------------------
 
+
+def time_axis(start: rrb.TimeRangeBoundary, end: rrb.TimeRangeBoundary) -> rrb.TimeAxis:
+    """Return a time axis of its own, of ticks: the viewer takes one range for all timelines."""
+    return rrb.TimeAxis(link="Independent", view_range=rrb.TimeRange(start=start, end=end))
+
+
 # the whole timeline; by itself a view takes the width of the others
-ALWAYS = rrb.TimeAxis(
-    link="Independent",
-    view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()),
-)
+ALWAYS = time_axis(rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite())
 LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
 NO_LEGEND = rrb.PlotLegend(visible=False)
 
 
-def time_columns(ticks: np.ndarray, times: np.ndarray) -> list[rr.TimeColumn]:
-    """Return the two timelines of samples."""
-    return [rr.TimeColumn("tick", sequence=ticks), rr.TimeColumn("sim_time", duration=times)]
+def time_columns(ticks: np.ndarray) -> list[rr.TimeColumn]:
+    """Return the timeline of samples."""
+    return [rr.TimeColumn("tick", sequence=ticks)]
 
 
 def scalars(rec: rr.RecordingStream, entity: str, times: list[rr.TimeColumn], value: np.ndarray) -> None:
@@ -294,35 +325,42 @@ def write(rec: rr.RecordingStream, entity: str, places: Any, words: Sequence[str
     rec.log(entity, *text(places, words, [INK] * len(words)), static=True)
 
 
-def set_times(rec: rr.RecordingStream, tick: int, time: float) -> None:
+def set_tick(rec: rr.RecordingStream, tick: int) -> None:
     """Let what is logged next be of a tick."""
     rec.set_time("tick", sequence=tick)
-    rec.set_time("sim_time", duration=float(time))
 
 
-def plot(origin: str, name: str, overrides: dict[Any, Any] | None = None, *, legend: bool = False) -> Any:
-    """Return a view of series over the whole run; its name says which is which, or a legend."""
-    shown = LEGEND if legend else NO_LEGEND
-    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=shown, axis_x=ALWAYS, overrides=overrides)
+def labelled_ticks(number: int, wide: float) -> int:
+    """Return how many ticks an axis has that shows `number` of them with two whole labels, `wide` points wide.
+
+    The viewer labels the multiples of a power of ten, counted from the first tick: the least whose labels have room.
+    It cuts off one that is close to the right edge; the axis has room for it here, also in a plot that is wider.
+    """
+    room = wide - HALF_WIDE
+    step = 10 ** max(0, math.ceil(math.log10(APART_WIDE * max(number, 1) / room)))
+    last, fine = max(step, number // step * step), max(step // 10, 1)
+    return -(-max(number, math.ceil(last * wide / room)) // fine) * fine
 
 
-def labelled(low: float, high: float, tall: float) -> tuple[float, float]:
+def labelled(
+    low: float, high: float, tall: float, apart: float = APART, half: float = HALF, near: float = NEAR
+) -> tuple[float, float]:
     """Return the narrowest range around `low` to `high` that shows two labels whole in a plot `tall` points high.
 
     The viewer labels the multiples of a power of ten: the least whose labels have room. The range includes one that
     lies just beyond it.
     """
-    room = max(tall - 2 * HALF, 2 * APART)
+    room = max(tall - 2 * half, 2 * apart)
     while high - low < HUGE:
         span = max(high - low, 1e-9 * max(abs(high), abs(low), 1e-3))
-        step = 10.0 ** math.ceil(math.log10(APART * span / room) - 1e-9)
+        step = 10.0 ** math.ceil(math.log10(apart * span / room) - 1e-9)
         first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
         if last > first:
             down, up, point = step * math.floor(low / step + 1e-9), step * math.ceil(high / step - 1e-9), span / room
-            least, most = down if low - down < NEAR * point else low, up if up - high < NEAR * point else high
-            if APART * (most - least) <= step * room:  # the labels still have room
+            least, most = down if low - down < near * point else low, up if up - high < near * point else high
+            if apart * (most - least) <= step * room:  # the labels still have room
                 low, high = least, most
-            return low - HALF * point, high + HALF * point
+            return low - half * point, high + half * point
         down, up = low - (first - 1) * step, (last + 1) * step - high
         low, high = (low, (last + 1) * step) if up <= down or low == 0 else ((first - 1) * step, high)
     return low, high
@@ -347,7 +385,7 @@ class Ends:
         unseen = rr.SeriesPoints(colors=[[0, 0, 0, 0]] * 2, names=["end of the axis"] * 2, marker_sizes=[0.1, 0.1])
         rec.log(self._entity, unseen, static=True)
 
-    def draw(self, rec: rr.RecordingStream, ticks: np.ndarray, times: np.ndarray, value: np.ndarray) -> None:
+    def draw(self, rec: rr.RecordingStream, ticks: np.ndarray, value: np.ndarray) -> None:
         """Mark the range of the values (n, K) so far, where it has grown."""
         known = value[np.isfinite(value)]
         if not known.size:
@@ -358,7 +396,7 @@ class Ends:
         ends = labelled(self._low, self._high, self._tall)
         if ends != self._ends:
             self._ends = ends
-            scalars(rec, self._entity, time_columns(ticks[:1], times[:1]), np.array([ends]))
+            scalars(rec, self._entity, time_columns(ticks[:1]), np.array([ends]))
 
 
 def name_shades(words: Sequence[str], shades: Sequence[colours.Colour]) -> str:
@@ -379,12 +417,7 @@ def bounds(scene: Scene, below: float, above: float) -> rrb.VisualBounds2D:
     )
 
 
-def last(ticks: int, dt: float) -> rrb.VisibleTimeRanges:
-    """Return the range of the last `ticks` ticks on both timelines."""
+def last(ticks: int) -> rrb.VisibleTimeRanges:
+    """Return the range of the last `ticks` ticks."""
     at = rrb.TimeRangeBoundary.cursor_relative
-    return rrb.VisibleTimeRanges(
-        [
-            rrb.VisibleTimeRange("tick", start=at(seq=-ticks), end=at(seq=0)),
-            rrb.VisibleTimeRange("sim_time", start=at(seconds=-ticks * dt), end=at(seconds=0)),
-        ]
-    )
+    return rrb.VisibleTimeRanges([rrb.VisibleTimeRange("tick", start=at(seq=-ticks), end=at(seq=0))])

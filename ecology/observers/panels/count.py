@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers.panels.base import Batch, Ends, Panel, plot, population_height, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -35,10 +35,10 @@ class Count(Panel):
         count = [np.isfinite(drive[:, g.slots]).sum(axis=1).astype(float) for g in self.scene.groups.values()]
         value = np.stack(count, axis=1)
         scalars(rec, "population/count", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot if agents can be born or die."""
         if self.scene.alone or not (self.scene.grows or "died" in self.scene.marks):
             return []
-        return [plot("/population/count", "living")]
+        return [self.plot("/population/count", "living")]

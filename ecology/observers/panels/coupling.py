@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Panel, Watch, set_times, text
+from ecology.observers.panels.base import Batch, Panel, Watch, set_tick, text
 from ecology.observers.scene import INK, MAP_SCALE
 
 WIDE = (2.0, 1.0)  # width and height of the rectangle in which a matrix is drawn
@@ -55,7 +55,7 @@ class Coupling(Panel):
                 continue
             weight, feels, felt = found
             low, high = min(float(weight.min()), 0.0), max(float(weight.max()), 1e-9)
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             rec.log(entity, rr.Tensor(weight, dim_names=("feels", "felt")))
             # the viewer takes a picture of one row for something else: a cell is several pixels
             image = colours.shade(MAP_SCALE, weight, low, high).repeat(PIXELS, axis=0).repeat(PIXELS, axis=1)

@@ -47,7 +47,7 @@ class DecisionTable(Panel):
             self._plan = () if plan is None else plan.options
         state, name = watch.state, watch.focus.name(self.name)
         self._choices = [each for each in self._choices if each.tick != state.tick]
-        self._choices.append(Choice(state.tick, state.time, name, decision, self._plan, *self._came))
+        self._choices.append(Choice(state.tick, name, decision, self._plan, *self._came))
 
     def _judge(self, decision: Decision, serial: int, tick: int) -> None:
         """When a new decision is made, compare the forecast of f for the previous option with the outcome."""
@@ -83,7 +83,7 @@ class DecisionTable(Panel):
         each, text = [len(d.options) for d in decisions], [decision_text(choice) for choice in choices]
         rec.send_columns(
             entity,
-            time_columns(np.array([c.tick for c in choices]), np.array([c.time for c in choices])),
+            time_columns(np.array([c.tick for c in choices])),
             [
                 *rr.TextDocument.columns(text=text, media_type=["text/markdown"] * len(text)),
                 *rr.AnyValues.columns(**{key: pa.array(value) for key, value in numbers.items()}).partition(each),

@@ -21,7 +21,7 @@ class Deviation(LifePanel):
 
     def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw them."""
-        scalars(rec, f"{self.base}/deviation", time_columns(life.tick, life.time), life.internal - life.target)
+        scalars(rec, f"{self.base}/deviation", time_columns(life.tick), life.internal - life.target)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""

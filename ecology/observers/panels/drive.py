@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import FocusSamples
-from ecology.observers.panels.base import Ends, LifePanel, name_shades, plot, scalars, series, time_columns
+from ecology.observers.panels.base import Ends, LifePanel, name_shades, scalars, series, time_columns
 from ecology.observers.scene import Scene
 
 TALL = 150  # points, of the plot on a small screen
@@ -39,8 +39,8 @@ class Drive(LifePanel):
         parts = [life.drive, *([] if life.own is None else [life.own, life.drive - life.own])]
         parts += [] if life.mean is None else [life.mean]
         value = np.stack(parts, axis=1)
-        scalars(rec, f"{self.base}/drive", time_columns(life.tick, life.time), value)
-        self._ends.draw(rec, life.tick, life.time, value)
+        scalars(rec, f"{self.base}/drive", time_columns(life.tick), value)
+        self._ends.draw(rec, life.tick, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
@@ -50,7 +50,7 @@ class Drive(LifePanel):
         short = [word.removesuffix(" of the species").removesuffix(" of others").removeprefix("its ") for word in words]
         title = "drive" if known else "own drive"
         if len(words) == 1:
-            return [plot(f"/{self.base}/drive", title)]
+            return [self.plot(f"/{self.base}/drive", title)]
         # a narrow tab would cut off the colours: they stand below it
         legend = name_shades(short[1:], shades[1:]).replace("light blue", "blue")
-        return [rrb.Vertical(plot(f"/{self.base}/drive", legend), name=title)]
+        return [rrb.Vertical(self.plot(f"/{self.base}/drive", legend), name=title)]

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Ends, Panel, plot, population_height, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -44,8 +44,8 @@ class Drives(Panel):
             curves += [mean, mean - spread, mean + spread]
         value = np.stack(curves, axis=1)
         scalars(rec, "population/drive", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot, of several agents."""
-        return [] if self.scene.alone else [plot("/population/drive", "drive of the living: mean, one sd")]
+        return [] if self.scene.alone else [self.plot("/population/drive", "drive of the living: mean, one sd")]

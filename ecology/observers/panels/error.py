@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import Batch, Panel, Watch, scalars, series
 
 
 class Error(Panel):
@@ -42,4 +42,4 @@ class Error(Panel):
         """Return the plot, of the focus alone."""
         if self.name in self.scene.chosen:
             return []
-        return [plot(f"/learning/{self.name}/error", "error of f, 1: as bad as no change", legend=True)]
+        return [self.plot(f"/learning/{self.name}/error", "error of f, 1: as bad as no change", legend=True)]

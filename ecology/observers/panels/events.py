@@ -29,18 +29,18 @@ class Events(Panel):
         found = batch.of(self)
         deeds = [deed for _, some in found for deed in some]
         if deeds:
-            self._write(rec, "interventions", [(*deed[:2], "intervention", deed[2]) for deed in deeds])
+            self._write(rec, "interventions", [(tick, "intervention", words) for tick, words in deeds])
         for name in self.scene.groups:
-            rows: list[tuple[int, float, str, str]] = []
+            rows: list[tuple[int, str, str]] = []
             for s, (happened, _) in zip(batch.samples, found, strict=True):
                 rows += self._rows(name, s, happened)
             if rows:
                 self._write(rec, name, rows)
 
-    def _rows(self, name: str, s: Any, happened: Any) -> list[tuple[int, float, str, str]]:
-        """Return the lines of a species of one sample: tick, time, kind, words."""
+    def _rows(self, name: str, s: Any, happened: Any) -> list[tuple[int, str, str]]:
+        """Return the lines of a species of one sample: tick, kind, words."""
         groups, group, focus = list(self.scene.groups.values()), self.scene.groups[name], s["focus"][name]
-        rows = [(s["tick"], s["time"], "focus", f"now in focus: {focus['name']}")] if focus["anew"] else []
+        rows = [(s["tick"], "focus", f"now in focus: {focus['name']}")] if focus["anew"] else []
         most, left = LINES[self.scene.few], dict[str, int]()
         for event in happened:
             mine = (event.slot >= group.slots.start) & (event.slot < group.slots.stop)
@@ -48,18 +48,18 @@ class Events(Panel):
                 left[event.kind] = left.get(event.kind, 0) + 1
                 if left[event.kind] <= most:
                     words = census.words(self.scene.scenario, groups, event, int(i))
-                    rows.append((event.tick, event.time, event.kind, words))
+                    rows.append((event.tick, event.kind, words))
         more = {kind: many - most for kind, many in left.items() if many > most}
-        return rows + [(s["tick"], s["time"], kind, f"and {many} more {name} {kind}") for kind, many in more.items()]
+        return rows + [(s["tick"], kind, f"and {many} more {name} {kind}") for kind, many in more.items()]
 
-    def _write(self, rec: rr.RecordingStream, name: str, rows: list[tuple[int, float, str, str]]) -> None:
-        ticks, nows, kinds, texts = zip(*rows, strict=True)
+    def _write(self, rec: rr.RecordingStream, name: str, rows: list[tuple[int, str, str]]) -> None:
+        ticks, kinds, texts = zip(*rows, strict=True)
         shades = colours.pack(np.array([MARKED.get(kind, FAINT) for kind in kinds], np.uint8))
         if name == "interventions":
             shades = np.full(len(rows), DEED, np.uint32)
         entries = [f"{tick:,}  {words}" for tick, words in zip(ticks, texts, strict=True)]
         lines = rr.TextLog.columns(text=entries, level=kinds, color=shades)
-        rec.send_columns(f"events/{name}", time_columns(np.array(ticks), np.array(nows)), lines)
+        rec.send_columns(f"events/{name}", time_columns(np.array(ticks)), lines)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the log."""

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-from ecology.observers.panels.base import NO_LEGEND, STATE_TICKS, Panel, last
+from ecology.observers.panels.base import FULL_PLOT, HALF_PLOT, NO_LEGEND, STATE_TICKS, THIRD_PLOT, Panel, last
 from ecology.observers.scene import FAINT, FEW
 
 
@@ -25,6 +25,7 @@ class Everyone(Panel):
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plots."""
         name, views = self.name, []
+        columns = min(3, math.ceil(math.sqrt(len(self.species.needs))))
         for need in self.species.needs:
             source = VisualizerComponentMapping(
                 target="Scalars:scalars",
@@ -37,10 +38,11 @@ class Everyone(Panel):
                     origin=f"/world/agents/{name}",
                     contents=f"/world/agents/{name}",
                     name=f"{need.name} of every {name}",
-                    time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+                    time_ranges=last(STATE_TICKS),
                     plot_legend=NO_LEGEND,
+                    axis_x=self.recent_axis((FULL_PLOT, HALF_PLOT, THIRD_PLOT)[columns - 1]),
                     overrides={f"world/agents/{name}": [lines]},
                 )
             )
         title = f"every {name}"
-        return [rrb.Grid(*views, grid_columns=min(3, math.ceil(math.sqrt(len(views)))), name=title)]
+        return [rrb.Grid(*views, grid_columns=columns, name=title)]

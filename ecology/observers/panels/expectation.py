@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import ALWAYS, NO_LEGEND, Batch, Panel, Watch, scalars, series, time_columns
+from ecology.observers.panels.base import Batch, Panel, Watch, scalars, series, time_columns
 from ecology.observers.scene import Scene
 
 
@@ -37,7 +37,7 @@ class Expectation(Panel):
         if watch.tick is None or decision is None:
             return None
         value = watch.minds[self.name].deviation(row, watch.tick.observations[self.name][row : row + 1])
-        met = self._past.judge(state.tick, state.time, float(decision.gamma), watch.env.dt)
+        met = self._past.judge(state.tick, float(decision.gamma), watch.env.dt)
         return decision.value if value is None else float(value[0]), met
 
     def open(self, rec: rr.RecordingStream) -> None:
@@ -54,19 +54,17 @@ class Expectation(Panel):
         scalars(rec, f"learning/{self.name}/J", batch.at(at), np.array([[found[i][0]] for i in at]))
         met = [each for i in at for each in found[i][1]]
         if met:
-            ticks, nows, value = (np.array(part) for part in zip(*met, strict=True))
-            scalars(rec, f"learning/{self.name}/met", time_columns(ticks, nows), value[:, None])
+            ticks, value = (np.array(part) for part in zip(*met, strict=True))
+            scalars(rec, f"learning/{self.name}/met", time_columns(ticks), value[:, None])
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot, of the focus alone."""
         if self.name in self.scene.chosen:
             return []
         return [
-            rrb.TimeSeriesView(
-                origin=f"/learning/{self.name}",
+            self.plot(
+                f"/learning/{self.name}",
+                "J orange, drive met light blue",
                 contents=[f"+ /learning/{self.name}/J", f"+ /learning/{self.name}/met"],
-                name="J orange, drive met light blue",
-                plot_legend=NO_LEGEND,
-                axis_x=ALWAYS,
             )
         ]

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from ecology.observers import places
-from ecology.observers.panels.base import Batch, Panel, Watch, lay, set_times
+from ecology.observers.panels.base import Batch, Panel, Watch, lay, set_tick
 from ecology.observers.scene import INK, Scene
 
 
@@ -45,7 +45,7 @@ class Fields(Panel):
                 if name not in self._fields or not np.array_equal(level, self._fields[name])
             ]
             doors = b"".join(line.tobytes() for line in lines)
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             for i, name in changed:
                 rec.log(f"world/fields/{name}", rr.Image(places.image(levels[name], i), draw_order=-20 + i))
                 self._fields[name] = levels[name]

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, Watch, scalars, series
 from ecology.observers.scene import Scene
 
 TALL = 96  # points, of the plot on a small screen
@@ -43,11 +43,11 @@ class Flow(Panel):
         """Draw them."""
         value = np.stack(batch.of(self))
         scalars(rec, "population/flow", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, np.append(value.ravel(), 1.0)[:, None])  # at least one
+        self._ends.draw(rec, batch.ticks, np.append(value.ravel(), 1.0)[:, None])  # at least one
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot where anybody can be born or die."""
         if self.scene.alone or not (self.scene.grows or "died" in self.scene.marks):
             return []
         died = "born (bright) and died (dim) so far" if self.scene.grows else "died so far"
-        return [plot("/population/flow", died)]
+        return [self.plot("/population/flow", died)]

@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 
 from ecology.ground import plane_of
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import THIRD_PLOT, Batch, Ends, Panel, Watch, scalars, series
 from ecology.observers.scene import Scene
 
 TALL = 150  # points, of a plot on a small screen
@@ -110,19 +110,21 @@ class Futures(Panel):
         for what, ends in self._ends.items():
             value = np.array([np.atleast_1d(each[what]) for each in found], float)
             scalars(rec, f"futures/{what}", batch.times, value)
-            ends.draw(rec, batch.ticks, batch.clock, value)
+            ends.draw(rec, batch.ticks, value)
         texts = [each["text"] for each in found]
         documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
         rec.send_columns("futures/text", batch.times, documents)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return what differs, and the curves of both."""
-        curves = [plot("/futures/drive", "own drive (fork thin)"), plot("/futures/apart", "distance")]
-        crowd = sum(group.size for group in self.scene.groups.values()) > 1
-        living = [plot("/futures/living", "living (fork thin)")] if crowd else []
+        names = {"living": "living (fork thin)", "drive": "own drive (fork thin)", "apart": "distance"}
+        if sum(group.size for group in self.scene.groups.values()) == 1:
+            del names["living"]
+        at = self.scene.forked_at
+        curves = [self.plot(f"/futures/{what}", name, THIRD_PLOT, since=at) for what, name in names.items()]
         return [
             rrb.TextDocumentView(origin="/futures/text", name="what differs"),
-            rrb.Horizontal(*living, *curves),
+            rrb.Horizontal(*curves),
         ]
 
 

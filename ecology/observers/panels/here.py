@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import maps
-from ecology.observers.panels.base import Batch, Panel, Watch, bounds, draw_map, lay, set_times
+from ecology.observers.panels.base import Batch, Panel, Watch, bounds, draw_map, lay, set_tick
 from ecology.observers.panels.bodies import Bodies
 from ecology.observers.scene import BACKGROUND, Scene
 
@@ -54,7 +54,7 @@ class Here(Panel):
         for s, value in zip(batch.samples, batch.of(self), strict=True):
             if value is None or not np.isfinite(value).any():
                 continue
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             draw_map(rec, f"world/here/{self.name}", self._grid, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Panel, lay, set_times, text, write
+from ecology.observers.panels.base import Batch, Panel, lay, set_tick, text, write
 from ecology.observers.scene import DRIVE_SCALE, INK, Scene
 
 
@@ -21,7 +21,7 @@ class Legend(Panel):
         """Write the colour scale above the arena, and above it the rest."""
         scene = self.scene
         low, high = np.array(scene.scenario.arena.extent)
-        size = scene.size
+        size, self._top = scene.legend_unit, -1.0
         top, wide, tall = high[1] + 0.06 * size, 0.3 * size, 0.02 * size
         bar = np.tile(colours.scale(DRIVE_SCALE), (2, 1, 1))  # (2, SHADES, 3)
         lay(rec, "world/legend/drive", (float(low[0]), float(top)), (wide / bar.shape[1], tall / 2))
@@ -41,12 +41,12 @@ class Legend(Panel):
         scene = self.scene
         (low, _), (_, high) = scene.scenario.arena.extent
         what = "heading: drive 0" if scene.mixed else "body: drive 0"
-        y = high + 0.06 * scene.size
-        places = [(low + 0.05 * scene.size, y), (low + 0.3 * scene.size, y)]
+        y = high + 0.06 * scene.legend_unit
+        places = [(low + 0.05 * scene.legend_unit, y), (low + 0.3 * scene.legend_unit, y)]
         for s in batch.samples:
             if s["top"] == self._top:
                 continue
             self._top = s["top"]
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             words = text(places, [what, f"{self._top:g}"], [INK] * 2)
             rec.log("world/legend/numbers", *words, rr.AnyValues(top=self._top))

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import Batch, Panel, Watch, plot, scalars, series
+from ecology.observers.panels.base import Batch, Panel, Watch, scalars, series
 from ecology.observers.scene import Scene, losses
 
 
@@ -62,4 +62,6 @@ class Losses(Reported):
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [plot(f"/{self.entity}", f"log10 loss {', '.join(word.removeprefix('loss_') for word in self.words)}")]
+        return [
+            self.plot(f"/{self.entity}", f"log10 loss {', '.join(word.removeprefix('loss_') for word in self.words)}")
+        ]

@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import maps
-from ecology.observers.panels.base import Batch, Panel, Watch, bounds, draw_map, lay, set_times
+from ecology.observers.panels.base import Batch, Panel, Watch, bounds, draw_map, lay, set_tick
 from ecology.observers.scene import BACKGROUND, Scene
 
 
@@ -58,7 +58,7 @@ class Maps(Panel):
         for s, found in zip(batch.samples, batch.of(self), strict=True):
             if found is None or not np.isfinite(found).any():
                 continue
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             for i, value in zip(maps.mapped_needs(self.species), found, strict=True):
                 self._draw_one(rec, i, value)
 

@@ -54,4 +54,4 @@ class Marks(Panel):
         """Show those of the last ticks, of many agents those of the last sample alone."""
         every = self.scene.every
         recent = max(MARK_TICKS, 2 * every) if self.scene.few else every - 1
-        return {f"world/marks/{kind}": last(recent, self.scene.scenario.dt) for kind in MARKED}
+        return {f"world/marks/{kind}": last(recent) for kind in MARKED}

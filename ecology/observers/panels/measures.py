@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, population_height, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, Watch, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -38,10 +38,10 @@ class Measures(Panel):
         """Draw them."""
         value = np.stack(batch.of(self))
         scalars(rec, "population/measures", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
         measures = self.scene.measures
         name = measures[0] if len(measures) == 1 else "measures and cues"
-        return [plot("/population/measures", name, legend=len(measures) > 1)]
+        return [self.plot("/population/measures", name, legend=len(measures) > 1)]

@@ -34,7 +34,7 @@ class Minds(Panel):
             decision = watch.minds[self.name].decision(row)
             if decision is not None and decision.age == 1:
                 name = f"{self.name}_{state.serial[rows.start + row]}"
-                self._choices.append(Choice(state.tick, state.time, name, decision))
+                self._choices.append(Choice(state.tick, name, decision))
 
     def sample(self, watch: Watch) -> Any:
         """Return the decisions since the last sample."""
@@ -47,7 +47,7 @@ class Minds(Panel):
         for choice in (choice for some in batch.of(self) for choice in some):
             by.setdefault(choice.name, []).append(choice)
         for name, choices in by.items():
-            times = time_columns(np.array([c.tick for c in choices]), np.array([c.time for c in choices]))
+            times = time_columns(np.array([c.tick for c in choices]))
             texts = [decision_text(choice) for choice in choices]
             documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
             rec.send_columns(f"minds/{name}/decision", times, documents)

@@ -11,8 +11,11 @@ import rerun.blueprint as rrb
 from ecology.observers import colours
 from ecology.observers.census import FocusSamples
 from ecology.observers.panels.base import (
+    FULL_PLOT,
+    HALF_PLOT,
     NO_LEGEND,
     STATE_TICKS,
+    THIRD_PLOT,
     LifePanel,
     labelled,
     last,
@@ -45,7 +48,7 @@ class Needs(LifePanel):
         target = np.where([need.regulated for need in self.species.needs], life.target, np.nan)
         beside = np.concatenate([target[..., None], np.broadcast_to(bounds, (n, *bounds.shape))], axis=-1)
         value = np.concatenate([x[..., None], beside], axis=-1).reshape(n, -1)
-        scalars(rec, f"{self.base}/needs", time_columns(life.tick, life.time), value)
+        scalars(rec, f"{self.base}/needs", time_columns(life.tick), value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return a plot per need: the variable against its set point and its bounds."""
@@ -59,8 +62,9 @@ class Needs(LifePanel):
                 rrb.TimeSeriesView(
                     origin=f"/{self.base}/needs",
                     name=f"{need.name}{_aim(need)}",
-                    time_ranges=last(STATE_TICKS, self.scene.scenario.dt),
+                    time_ranges=last(STATE_TICKS),
                     plot_legend=NO_LEGEND,
+                    axis_x=self.recent_axis((FULL_PLOT, HALF_PLOT, THIRD_PLOT)[columns - 1]),
                     axis_y=_axis(need, HEIGHTS[min(rows, len(HEIGHTS)) - 1]),
                     overrides={
                         f"{self.base}/needs": rr.SeriesLines.from_fields(visible_series=shown, interpolation_mode=steps)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from ecology.observers.panels.base import Batch, Panel, Watch, set_times, text
+from ecology.observers.panels.base import Batch, Panel, Watch, set_tick, text
 from ecology.observers.scene import INK, Scene
 
 
@@ -39,7 +39,7 @@ class Nobody(Panel):
             if (since is not None) == self._said:
                 continue
             self._said = since is not None
-            set_times(rec, s["tick"], s["time"])
+            set_tick(rec, s["tick"])
             where = np.array([[(low + high) / 2, (bottom + top) / 2]])
             words = [f"nobody lives any more, since tick {since:,}"] if since is not None else []
             rec.log("world/nobody", *text(where[: len(words)], words, [INK] * len(words)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ecology.observers.panels.base import plot
 from ecology.observers.panels.losses import Reported
 
 
@@ -19,5 +18,5 @@ class Numbers(Reported):
         found: list[rrb.View | rrb.Container] = []
         for word in self.words:
             lines = rr.SeriesLines.from_fields(visible_series=[other == word for other in self.words])
-            found.append(plot(f"/{self.entity}", word, {self.entity: lines}))
+            found.append(self.plot(f"/{self.entity}", word, overrides={self.entity: lines}))
         return found

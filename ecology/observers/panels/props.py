@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from ecology.observers import colours
-from ecology.observers.panels.base import Batch, Panel, Watch, set_times
+from ecology.observers.panels.base import Batch, Panel, Watch, set_tick
 from ecology.observers.scene import Scene
 
 
@@ -37,7 +37,7 @@ class Props(Panel):
                 before = self._drawn.get(name)
                 if before is not None and len(before) == len(lines) and all(map(np.array_equal, before, lines)):
                     continue
-                set_times(rec, s["tick"], s["time"])
+                set_tick(rec, s["tick"])
                 shade = colours.PALETTE[(3 + i) % len(colours.PALETTE)]
                 thick = rr.Radius.ui_points(1.6)
                 rec.log(

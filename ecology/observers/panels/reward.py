@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from ecology.observers import colours
 from ecology.observers.census import FocusSamples
-from ecology.observers.panels.base import LifePanel, scalars, series, time_columns
+from ecology.observers.panels.base import HALF_PLOT, LifePanel, scalars, series, time_columns
 
 
 class Reward(LifePanel):
@@ -20,10 +20,10 @@ class Reward(LifePanel):
     def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw it, where it is known."""
         if life.reward is not None:
-            scalars(rec, f"{self.base}/reward", time_columns(life.tick, life.time), life.reward[:, None])
+            scalars(rec, f"{self.base}/reward", time_columns(life.tick), life.reward[:, None])
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot; after the fact, of many, no rewards are known."""
         if not self.scene.full and self.name in self.scene.chosen:
             return []
-        return [self.recent("reward", "reward", legend=False)]
+        return [self.recent("reward", "reward", HALF_PLOT, legend=False)]

@@ -27,7 +27,7 @@ class Shares(LifePanel):
         scalars(
             rec,
             f"{self.base}/shares",
-            time_columns(life.tick, life.time),
+            time_columns(life.tick),
             drive_shares(self.species, life.internal - life.target),
         )
 

@@ -28,7 +28,7 @@ class Sight(LifePanel):
 
     def draw_life(self, rec: rr.RecordingStream, life: FocusSamples) -> None:
         """Draw the view field and the lines of sight, and the name of one of several."""
-        times, strips, lengths = time_columns(life.tick, life.time), [], []
+        times, strips, lengths = time_columns(life.tick), [], []
         for at, outline, sight in zip(life.place, life.field, life.sight, strict=True):
             seen = [np.stack([at, there]) for there in sight] + ([outline] if len(outline) else [])
             strips += seen

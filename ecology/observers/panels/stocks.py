@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ecology.observers import census, colours
-from ecology.observers.panels.base import Batch, Ends, Panel, Watch, plot, population_height, scalars, series
+from ecology.observers.panels.base import Batch, Ends, Panel, Watch, population_height, scalars, series
 from ecology.observers.scene import Scene
 
 
@@ -39,8 +39,8 @@ class Stocks(Panel):
         """Draw them."""
         value = np.stack(batch.of(self))
         scalars(rec, "population/stocks", batch.times, value)
-        self._ends.draw(rec, batch.ticks, batch.clock, value)
+        self._ends.draw(rec, batch.ticks, value)
 
     def views(self) -> list[rrb.View | rrb.Container]:
         """Return the plot."""
-        return [plot("/population/stocks", "stocks", legend=len(self.scene.stocked) > 1)]
+        return [self.plot("/population/stocks", "stocks", legend=len(self.scene.stocked) > 1)]

@@ -58,4 +58,4 @@ class Trails(Panel):
 
     def overrides(self) -> dict[Any, Any]:
         """Show the trails of the last ticks alone."""
-        return {f"world/trail/{self.name}": last(TRAIL_TICKS, self.scene.scenario.dt)}
+        return {f"world/trail/{self.name}": last(TRAIL_TICKS)}

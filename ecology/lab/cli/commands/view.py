@@ -77,7 +77,7 @@ def command(
             from ecology.observers.page import Page, Shown
 
             shown = Shown([run.name], past.hear, files={run.name: run}, named=past.layer_named)
-            page = Page(shown, dt=world.dt, port=web_port(port), name=name)
+            page = Page(shown, port=web_port(port), name=name)
             stack.callback(page.close)
             print(f"look in a browser: {page.url}\nstop with Ctrl-C", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
