@@ -165,7 +165,8 @@ ALGORITHM1: Mapping[str, Any] = {
 }
 
 
-# the least work that was found to beat camping in every seed of `paper`: see docs/performance.md
+# little work for many agents. Since it takes few gradient steps, the learning rate falls ten times later: see
+# docs/performance.md
 LEAN: Mapping[str, Any] = {
     "width": 32,
     "batch": 32,
@@ -177,9 +178,9 @@ LEAN: Mapping[str, Any] = {
     "recent_share": 0.4,
     "relative_weight": 2,
     "reluctance": 0.0,
+    "settling": 40_000.0,
 }
 
 
-# for ten thousand minds in one world: a small memory. Since it takes few gradient steps, the learning rate falls ten
-# times later, and there is no optimism, which few steps do not unlearn. See docs/performance.md
-CROWD: Mapping[str, Any] = {**LEAN, "memory": 2000, "update_every": 2.0, "settling": 40_000.0, "optimism": 0.0}
+# for ten thousand minds in one world: a small memory, and no optimism, which few steps do not unlearn
+CROWD: Mapping[str, Any] = {**LEAN, "memory": 2000, "update_every": 2.0, "optimism": 0.0}

@@ -29,7 +29,7 @@ from ecology.observers.focus_requests import AGENTS, Click
 from ecology.observers.layout import FORKED, blueprint, life_panels
 from ecology.observers.panels.base import time_columns
 from ecology.observers.readback import chunks, plain, recording_id, replace_layout
-from ecology.observers.recording_file import RecordingFile, open_stream
+from ecology.observers.recording_file import open_stream
 from ecology.observers.scene import DEAD, FEW, Scene
 from ecology.scenario import Scenario
 from ecology.spec import require
@@ -128,15 +128,15 @@ class Hindsight:
         with self._lock, tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "layer.rrd"
             rec = open_stream(scene.application, self._identity, named=False)
-            file = RecordingFile(path, rec)
+            rec.set_sinks(rr.FileSink(str(path)))
             rec.set_log_time_enabled(False)
             if species is not None and serial is not None:
                 last = self._draw(rec, scene, species, serial, tick)
                 if last < self._serials[species][0][-1]:
                     scene = dataclasses.replace(scene, died={species: last})
-            file.lay_out(blueprint(scene), scene.application)
-            file.append()
-            file.close()
+            rec.send_blueprint(blueprint(scene))
+            rec.flush()
+            rec.disconnect()
             return path.read_bytes()
 
     def _meant(self, word: str) -> tuple[str, int | None]:
