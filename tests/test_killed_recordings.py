@@ -58,7 +58,7 @@ def test_what_is_shown_twice_is_felt_once() -> None:
     for tick, drive in enumerate(drives.tolist()):
         for _ in range(1 + tick % 3):
             past.follow(1, tick, drive)
-        met += past.judge(tick, float(tick), 0.8, 1.0)
+        met += past.judge(tick, 0.8, 1.0)
     span = len(drives) - len(met)
-    for tick, _, value in met:
+    for tick, value in met:
         np.testing.assert_allclose(value, afterwards(drives[tick + 1 : tick + 1 + span], 0.8, 1.0))
