@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ecology import elementary
 from ecology.decision import Decision, Plan
 from ecology.errors import EcologyError
 
@@ -113,13 +114,23 @@ class Learner(ABC):
         return drive_bend(self.group.layout)
 
     def drive(self, zeta: np.ndarray) -> np.ndarray:
-        """Return the drive d (...) at zeta (..., D); the reward of a tick is the decrease of d."""
+        """Return the drive d (...) at zeta (..., D); the reward of a tick is the decrease of d.
+
+        Sums have a fixed order, and no product comes from a BLAS, so the numbers are the same on every processor.
+        """
         mix, felt, exponent = self._terms
         above, power = self._bend
-        own = zeta @ mix
-        if power != 2 or (above != 1).any():
-            own = np.abs(own * np.where(own > 0, above, 1.0)) ** (power / 2)
-        return (np.square(own).sum(-1) + self.group.layout.epsilon) ** (exponent / power) + zeta @ felt
+        bent = power != 2 or bool((above != 1).any())
+        total, shared = self.group.layout.epsilon, 0.0
+        for i in range(zeta.shape[-1]):
+            own = np.zeros(zeta.shape[:-1])
+            for j in np.flatnonzero(mix[:, i]):
+                own = own + zeta[..., j] * mix[j, i]
+            if bent:
+                own = elementary.power(np.abs(own * np.where(own > 0, above[i], 1.0)), power / 2)
+            total = total + own * own
+            shared = shared + zeta[..., i] * felt[i]
+        return elementary.power(total, exponent / power) + shared
 
     @abstractmethod
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:

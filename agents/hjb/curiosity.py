@@ -10,6 +10,7 @@ from ecology.agents.hjb.devices import Device
 
 CLOSER = 0.7  # factor of the reach of marks from one search to the next
 SEARCHES = 5  # times that a search begins again
+SHARES = np.cumprod([1.0] + [CLOSER] * SEARCHES)  # of the reach, by searches
 
 
 class Curiosity:
@@ -45,7 +46,7 @@ class Curiosity:
 
     def learn(self, slots: np.ndarray, aimed: np.ndarray, reached: np.ndarray) -> None:
         """Take in that movements of `slots` (k,) that f let end at `aimed` (k, 2) have ended at `reached` (k, 2)."""
-        reach = np.maximum(self.reach * CLOSER ** self.searches[slots], self.aim)
+        reach = np.maximum(self.reach * SHARES[np.minimum(self.searches[slots], SEARCHES)], self.aim)
         tried = self.device.off(self.unknown(slots, aimed, reach))
         found = self.device.off(self.mark(slots, reached, reach))
         self.mark(slots, aimed, np.full(len(slots), self.aim))
