@@ -121,9 +121,10 @@ class Learner(ABC):
         mix, felt, exponent = self._terms
         above, power = self._bend
         bent = power != 2 or bool((above != 1).any())
-        total, shared = self.group.layout.epsilon, 0.0
+        shape = zeta.shape[:-1]
+        total, shared = np.full(shape, self.group.layout.epsilon), np.zeros(shape)
         for i in range(zeta.shape[-1]):
-            own = np.zeros(zeta.shape[:-1])
+            own = np.zeros(shape)
             for j in np.flatnonzero(mix[:, i]):
                 own = own + zeta[..., j] * mix[j, i]
             if bent:
