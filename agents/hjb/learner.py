@@ -256,11 +256,15 @@ class HJB(Learner):
         left to find.
         """
         if self.curious:
-            level = self.curiosity.level * (self.exploration is None) * (self.tried == 0).any(axis=1)
+            level = self.curiosity.level * (self.exploration is None) * self._lacks_movements()
             young = self._youth() * self.encoding.centre_j / J_CENTRE
             more = self.number("optimism_young") * level * young
             optimism = np.column_stack([self.number("optimism") * level, more])
             self.optimism[...] = self.device.on(optimism.astype(np.float32))
+
+    def _lacks_movements(self, slots: Any = slice(None)) -> np.ndarray:
+        """Return which of `slots` (k,) have never made some movement."""
+        return (self.tried[slots] == 0).any(axis=1)
 
     def act(self, observations: np.ndarray, masks: np.ndarray) -> np.ndarray:
         """Continue the movements under way, decide where one has ended, and return actions (n,)."""
@@ -317,8 +321,7 @@ class HJB(Learner):
         if self.cells and self.learning:
             self._recruit(slots, observations)
             if self.curious:
-                searching = slots[(self.tried[slots] == 0).any(axis=1)]
-                self.curiosity.search_again(searching, self.settings.patience)
+                self.curiosity.search_again(slots[self._lacks_movements(slots)], self.settings.patience)
 
     def _scores(self, slots: np.ndarray, observations: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the HJB scores (k, M) of what is open to `slots` (k,), as the last update left them where it did."""
@@ -326,22 +329,16 @@ class HJB(Learner):
         is_same = (ahead.open[slots] == open_).all(axis=1) & (ahead.zeta[slots] == observations).all(axis=1)
         score, rest = ahead.score[slots], np.flatnonzero(~is_same)
         if rest.size:
-            score[rest] = self.device.scores(
-                self.weights,
-                self.replay,
-                self.trace,
-                self._now()[slots[rest]],
-                slots[rest],
-                observations[rest],
-                open_[rest],
-            )
+            score[rest] = self._plain_scores(slots[rest], observations[rest], open_[rest])
         return self._prefer_rest(slots, observations, score)
 
     def scores(self, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the score (k, M), drive units, of the open movements of `slots` (k,) at zeta (k, D); else infinity."""
-        ages = self._now()[slots]
-        score = self.device.scores(self.weights, self.replay, self.trace, ages, slots, zeta, open_)
-        return self._prefer_rest(slots, zeta, score)
+        return self._prefer_rest(slots, zeta, self._plain_scores(slots, zeta, open_))
+
+    def _plain_scores(self, slots: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> np.ndarray:
+        """Return the same without the advantage of rest."""
+        return self.device.scores(self.weights, self.replay, self.trace, self._now()[slots], slots, zeta, open_)
 
     def _prefer_rest(self, slots: np.ndarray, zeta: np.ndarray, score: np.ndarray) -> np.ndarray:
         """Return scores (k, M) of `slots` (k,) at zeta (k, D) in which rest has its advantage."""

@@ -29,7 +29,7 @@ HEADER, FRAME, END = 12, struct.Struct("<QQ"), 0  # of Rerun's format: bytes, ki
 def open_stream(application: str, identity: str | None = None, *, named: bool = True) -> rr.RecordingStream:
     """Return a stream, with Rerun's properties of a recording if it is `named`; free those that nothing refers to.
 
-    Rerun keeps two threads and some memory for each until it is told so, as `rr.init` does.
+    Rerun keeps two threads and some memory for each until they are freed, as `rr.init` does too.
     """
     rerun_bindings.flush_and_cleanup_orphaned_recordings()
     return rr.RecordingStream(application, recording_id=identity, send_properties=named)
