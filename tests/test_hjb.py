@@ -236,7 +236,7 @@ def test_movements_last_what_they_say() -> None:
 
 def test_states_on_the_way_are_of_the_tick_that_they_say() -> None:
     """Of a movement of any length, a state that is remembered from the way is as old as its duration says."""
-    env, learner = paper_learner(pause=300.0, epsilon=1.0, epsilon_final=1.0)
+    env, learner = paper_learner(pause=300.0, epsilon=1.0, epsilon_final=1.0, notice=False)
     group = env.groups["agent"]
     learner.execution.movement[0], learner.execution.left[0] = learner.moves.names.index("rest"), 300
     mask = np.zeros((1, len(group.actions)), bool)

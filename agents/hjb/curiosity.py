@@ -60,6 +60,12 @@ class Curiosity:
         self.level[again], self.since[again] = 1.0, 0
         self.searches[again] += 1
 
+    def forget(self, slot: int) -> None:
+        """Forget all marks of `slot`, for something has gone; it is as curious as at birth."""
+        self.marked[slot] = 0
+        self.level[slot] = 1.0
+        self.since[slot] = self.searches[slot] = 0
+
     def mark(self, slots: np.ndarray, places: np.ndarray, reach: np.ndarray) -> Any:
         """Mark the `places` (k, 2) that are unknown to `slots` (k,); return which, on the device."""
         new = self.unknown(slots, places, reach)

@@ -30,6 +30,7 @@ from ecology.agents.hjb.encoding import J_CENTRE, count_cells, encode
 from ecology.agents.hjb.execution import Execution
 from ecology.agents.hjb.memory import Memory
 from ecology.agents.hjb.networks import Perceptrons
+from ecology.agents.hjb.revision import Revision
 from ecology.agents.hjb.settings import HERITABLE, HJBSettings, check_bounds
 from ecology.agents.movements import ARRIVES, Movements, adaptive, single_ticks
 from ecology.decision import Decision, Plan
@@ -104,7 +105,8 @@ class HJB(Learner):
         self.generator = np.random.default_rng(draw.integers(2**62))
         self._hold_arrays(n)
         self.execution = Execution(self.moves, n, self.components)
-        self.idle = np.array([group.kinds[first] == "rest" for first in self.moves.action[:, 0]])  # (M,)
+        kinds = np.array(group.kinds)[self.moves.action[:, 0]]
+        self.idle, self.approaches = kinds == "rest", kinds == "go_to"  # (M,)
         self.more = np.zeros(n, np.int64)  # strides for which an exploratory walk continues
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.clock = np.zeros(n, np.int64)  # ticks acted
@@ -138,6 +140,8 @@ class HJB(Learner):
             *(at.zeros((n,), np.float32) for _ in range(3)),
         )  # fmt: skip
         self._set_constants()
+        meals = np.array(self.group.kinds)[self.moves.action[:, 0]] == "consume"  # they depend on a place
+        self.revision = Revision(m, meals, self.encoding.place, s.doubt_reach, s.doubt)
         self.replay = Replay(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
         self.trace = Trace(
             np.zeros((n, s.errors, len(self.encoding.where)), np.float32),
@@ -271,6 +275,8 @@ class HJB(Learner):
         self.clock += 1
         way = self.execution
         actions = np.empty(self.size, np.int64)
+        if self.learning and self.settings.notice:
+            self._notice(masks)
         if way.proceed(masks, observations, actions, keep=self.learning and self.settings.intra_option):
             free = np.flatnonzero(way.free)
             ended = free[way.movement[free] >= 0]
@@ -285,6 +291,18 @@ class HJB(Learner):
             actions[free] = way.advance(free)
         self.lookahead.open[:] = False  # it was about this tick
         return actions
+
+    def _notice(self, masks: np.ndarray) -> None:
+        """Drop the movements under way of agents for whom one has opened that they have never made.
+
+        Else an agent that walks by passes many a food without a decision.
+        """
+        slots = np.flatnonzero(self._lacks_movements() & (self.execution.movement >= 0))
+        if slots.size:
+            opened = self.moves.open(masks[slots]) & ~self.execution.was_open[slots]
+            new = slots[(opened & (self.tried[slots] == 0)).any(axis=1)]
+            if new.size:
+                self.interrupted(new)
 
     def _decide(self, slots: np.ndarray, observations: np.ndarray, masks: np.ndarray) -> None:
         """Choose a movement for the agents in `slots` (k,): epsilon-greedy in the HJB score."""
@@ -320,8 +338,20 @@ class HJB(Learner):
         self.tried[slots, chosen] += 1
         if self.cells and self.learning:
             self._recruit(slots, observations)
+            if self.settings.doubt:
+                self._revise(slots, observations, open_)
             if self.curious:
                 self.curiosity.search_again(slots[self._lacks_movements(slots)], self.settings.patience)
+
+    def _revise(self, slots: np.ndarray, observations: np.ndarray, open_: np.ndarray) -> None:
+        """Correct memories that what is open here contradicts; what is nowhere open any more is searched for.
+
+        A new place may be seen from afar, so it counts as never made too to go to what is in sight.
+        """
+        for slot, movement in self.revision.revise(slots, observations, open_):
+            self.tried[slot, movement] = 0
+            self.tried[slot, self.approaches] = 0
+            self.curiosity.forget(slot)
 
     def _scores(self, slots: np.ndarray, observations: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the HJB scores (k, M) of what is open to `slots` (k,), as the last update left them where it did."""

@@ -58,6 +58,9 @@ class HJBSettings:
     aim_reach: float = 0.5  # length around a place aimed at in vain that counts as known
     boredom: float = 0.1  # rate at which curiosity follows the share of attempts that found a new place
     patience: int = 100  # decisions without a new place after which a search begins again, more closely
+    notice: bool = True  # a movement ends when another opens that was never made (Sutton, Precup and Singh 1999)
+    doubt: int = 5  # memories around an empty place after which a meal is no longer expected there; 0: never
+    doubt_reach: float = 1.0  # length around a place within which such memories count and are corrected
     reluctance: float = 0.02  # share of the score of rest by which other movements must be better at birth
     near: float = 0.25  # length, standard deviation of the kernel that weighs remembered errors by distance
     near_angle: float = 0.6  # radians, standard deviation of the same kernel for angles
@@ -105,7 +108,11 @@ RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
         "from 0 to 1",
         lambda v: 0 <= v <= 1,
     ),
-    (("place_cells", "mutation", "errors", "tries", "relative_weight", "weight_decay"), "0 or more", lambda v: v >= 0),
+    (
+        ("place_cells", "mutation", "errors", "tries", "relative_weight", "weight_decay", "doubt"),
+        "0 or more",
+        lambda v: v >= 0,
+    ),
     (
         (
             "width",
@@ -123,7 +130,7 @@ RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
         "1 or more",
         lambda v: v >= 1,
     ),
-    (("place_spacing", "place_width"), "a length of at least 0.001", lambda v: v >= 1e-3),
+    (("place_spacing", "place_width", "doubt_reach"), "a length of at least 0.001", lambda v: v >= 1e-3),
     (
         ("youth", "settling", "learning_rate", "learning_rate_final", "stride", "pause", "meal", "update_every"),
         "positive and finite",
@@ -152,6 +159,8 @@ ALGORITHM1: Mapping[str, Any] = {
     "depth": 1,
     "errors": 0,
     "reluctance": 0.0,
+    "notice": False,
+    "doubt": 0,
     "tries": 0,
     "updates": 1,
     "polyak": 0.1,
@@ -178,6 +187,8 @@ LEAN: Mapping[str, Any] = {
     "recent_share": 0.4,
     "relative_weight": 2,
     "reluctance": 0.0,
+    "notice": False,
+    "doubt": 0,
     "settling": 40_000.0,
 }
 
