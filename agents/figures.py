@@ -48,7 +48,7 @@ def arena(ax: Axes, scenario: Scenario, highlight: int = -1, labels: bool = True
         ax.plot(*line.T, color=INK, linewidth=2.0, zorder=3)
     colours = resource_colours(scenario)
     for i, resource in enumerate(scenario.resources):
-        if resource.position is None:  # scattered anew in every world
+        if resource.position is None:  # scattered differently in every world
             continue
         meant = highlight in (-1, i)
         ax.add_patch(

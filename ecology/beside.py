@@ -13,7 +13,7 @@ from pathlib import Path
 def importable_beside(path: Path) -> Iterator[None]:
     """Let the file at `path` import modules of its folder first, as `python path` would, while it is run.
 
-    A module of the same name from another such folder is loaded anew. The folder stays the last one in which Python
+    A module of the same name from another such folder is loaded again. The folder stays the last one in which Python
     looks, for imports within functions.
     """
     folder = str(path.absolute().parent)

@@ -1,7 +1,7 @@
 """An exception in a user's own code: reported by its place there, without the project's frames around it.
 
 A user's own code is a scenario file, what it imports, and a learner: whatever is neither a library's nor the
-project's. Scenarios and learners that ship are told in the same way.
+project's. Those of shipped scenarios and learners are reported in the same way.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class Hulls(NamedTuple):
 class Physics:
     """The bodies of N slots in one arena.
 
-    The solver remembers contacts from tick to tick. Every REBUILD ticks it is built anew, and what it
+    The solver remembers contacts from tick to tick. Every REBUILD ticks it is rebuilt, and what it
     was told since is kept, so that a world that is left and entered again at any tick goes on exactly.
     The solver is built, and these ticks are repeated, when bodies next move.
     """
@@ -214,9 +214,9 @@ def fastest(velocity: Floats) -> float:
 
 @compiled
 def command_bodies(command: Floats, position: Floats, velocity: Floats, dt: float, smallest: float) -> int:
-    """Write what bodies are told for a substep, (>= n, 6), and return how many substeps dt is divided into.
+    """Write what bodies are given for a substep, (>= n, 6), and return how many substeps dt is divided into.
 
-    They are told their position, no velocity, and the force that gives unit masses their `velocity` (n, 2) in a
+    They get their position, no velocity, and the force that gives unit masses their `velocity` (n, 2) in a
     substep. In one, nobody moves farther than the `smallest` radius.
     """
     substeps = max(1, math.ceil(fastest(velocity) * dt / smallest - 1e-9))

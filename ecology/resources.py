@@ -274,7 +274,7 @@ def regrow(table: ResourceTable, stock: Floats, eaten: Floats, time: float, dt: 
 def appear(table: ResourceTable, available: Bools, units: int, rng: np.random.Generator) -> Bools:
     """Return which resources are available after `units` whole units of time have begun, (R,).
 
-    At each the resource is drawn anew, whatever it was before; between them it stays as it is. So
+    At each the resource is drawn again, whatever it was before; between them it stays as it is. So
     ticks of any length see the same course of it, from the same random numbers.
     """
     return rng.random((units, len(available)))[-1] < table.availability if units else available

@@ -61,7 +61,7 @@ def test_a_point_steps_the_world_it_names(what, monkeypatch):
     step = speed.stepping(what, 5)
     assert [step() for _ in range(3)] == [5, 5, 5]
     (env,) = worlds
-    assert env.state_view.tick == (10 if what == "algorithm1" else 3)  # the dicts are those of a life begun anew
+    assert env.state_view.tick == (10 if what == "algorithm1" else 3)  # the dicts are those of a life started over
     assert env.size == 5
     assert len(env.scenario.arena.vertices) > 4
     assert sum(name.endswith("_distance") for name in env.groups["agent"].layout.names if "other" in name) == 8

@@ -114,7 +114,7 @@ def test_mutation_is_relative_to_the_size_of_a_layer() -> None:
 
 
 def test_without_inheritance_a_parent_makes_no_difference() -> None:
-    """With `inherit` off a child draws its weights anew."""
+    """With `inherit` off a child draws its weights itself."""
     _, learner, _ = lived(inherit=False)
     learner.born(np.array([1]), np.array([2]))
     assert learner.cell_count[1] == 0

@@ -66,7 +66,7 @@ def go_on(env, ticks, seed):
 @pytest.mark.parametrize("how", PICKLED)
 @pytest.mark.parametrize("before", [0, 3, physics.REBUILD - 1, physics.REBUILD, physics.REBUILD + 5])
 def test_a_copy_goes_on_whenever_it_is_taken(how, before):
-    """Contacts are carried, also where the solver has just been built anew; a copy of the copy goes on, too."""
+    """Contacts are carried, also where the solver has just been rebuilt; a copy of the copy goes on, too."""
     env = start(everything())
     go_on(env, before, 1)
     twin = PICKLED[how](env)
@@ -104,7 +104,7 @@ def test_a_copy_and_its_original_share_nothing_that_changes(how):
 
 @pytest.mark.parametrize("how", PICKLED)
 def test_a_world_that_was_drawn_or_never_started_is_copied(how):
-    """A picture is no part of a copy, and draws anew; a world before its first reset is copied, too."""
+    """A picture is no part of a copy, and draws again; a world before its first reset is copied, too."""
     env = ecology.parallel_env(square(kind()), render_mode="rgb_array")
     PICKLED[how](env).reset(seed=0)
     env.reset(seed=0)

@@ -94,7 +94,7 @@ def test_passing_pays_at_once_from_a_weight_of_a_tenth(weight, pays):
 
 
 def test_ten_ticks_low_in_a_row_kill_both():
-    """A possessor that passes on, low, dies at its tenth tick low; one meal begins the count anew."""
+    """A possessor that passes on, low, dies at its tenth tick low; one meal starts the count over."""
     env, _ = begun("food_share")
     with_state(env, internal={(0, 0): 0.0, (1, 0): food_share.HIGH, (1, 1): 0, (1, 2): 0})
     assert all(act(env, "pass").alive.all() for _ in range(9))

@@ -194,4 +194,4 @@ def test_verdicts_follow_the_interval():
     scared = {f"0.5-seed-{s}": {"flight": {"difference": 0.5 + s / 10}, "fear": s - 1.0} for s in range(3)}
     found = says("fear", {**scared, "0.5-seed-3": {"flight": None, "fear": None}})
     assert found["distance after a sighting, learned - random, wound 0.5"] == "above 0"
-    assert found["slope of J toward a predator, wound 0.5"] == "cannot be told from 0"
+    assert found["slope of J toward a predator, wound 0.5"] == "not distinguishable from 0"

@@ -491,7 +491,7 @@ def test_an_intervention_before_a_stop_is_in_the_metrics(world, tmp_path):
 
 
 def test_an_agent_does_not_learn_from_what_was_done_to_it():
-    """An agent that was moved decides anew, and remembers no walk that led it there."""
+    """An agent that was moved decides again, and remembers no walk that led it there."""
     from ecology import Ecology, agents, scenarios
     from ecology.agents.loop import advance
 

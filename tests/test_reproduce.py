@@ -114,15 +114,15 @@ def test_verdicts():
     assert Row("", sample).interval() == pytest.approx((10 - 2.484, 10 + 2.484), abs=1e-3)
     assert Row("", sample, closed=12.4).says() == "agrees"
     assert Row("", sample, closed=12.6).says() == "differs from the closed form"
-    assert Row("", sample, closed=9.0).says() == "cannot be told from the closed form"
-    assert Row("", [300.0, 3000.0], closed=3000.0).says() == "cannot be told from the closed form"
+    assert Row("", sample, closed=9.0).says() == "not distinguishable from the closed form"
+    assert Row("", [300.0, 3000.0], closed=3000.0).says() == "not distinguishable from the closed form"
     assert Row("", [1.0], closed=1.1, tolerance=0.2).says() == "agrees"
     assert Row("", [1.0], closed=1.1, tolerance=0.05).says() == "differs from the closed form"
     # standard errors 0.577 and 0.447, together 0.73; 4.9 degrees of freedom: +- 1.88
     assert Row("", sample, theirs=(11.8, 2.0, 20)).says() == "agrees"
     assert Row("", sample, theirs=(12.0, 2.0, 20), closed=12.0).says() == "differs from theirs"
     assert Row("", sample, theirs=(12.0, 30.0, 20), closed=9.0).says() == (
-        "cannot be told from the closed form and theirs"
+        "not distinguishable from the closed form and theirs"
     )
     assert Row("", [5.0, 5.0], theirs=(5.0, 0.0, 20), closed=4.0).says() == "differs from the closed form"
     assert Row("", [5.0, 5.0], theirs=(6.0, 0.0, 20), closed=4.0).says() == "differs from the closed form and theirs"
@@ -181,7 +181,7 @@ def test_learners_of_the_trap_are_held_to_who_does_nothing():
     says = {row.what: row.says() for row in cases.all_cases()["trap"].rows(done)}
     assert says == {
         "ticks lived, doing nothing, 2 lives": "scripted",
-        "ticks lived, f/J, none": "cannot be told from doing nothing",
+        "ticks lived, f/J, none": "not distinguishable from doing nothing",
         "ticks lived, f/J, full": "better than doing nothing",
     }
     del done["scripted-rests"]

@@ -12,6 +12,7 @@ from ecology.observers.plotting import Axes
 
 OPTIONS = 8  # of a decision, at most
 COLUMNS = (0, 1, 4)  # of its table: option, next drive, score
+TITLE, NAME = 10, 8  # heights of the letters of an agent's name and of its needs, points
 LETTER = 7.5  # height of a letter, points
 WIDTH = 0.61  # of a letter, as a share of its height
 
@@ -19,9 +20,11 @@ WIDTH = 0.61  # of a letter, as a share of its height
 class MindPicture:
     """Draws an agent frame after frame."""
 
-    def __init__(self, needs: Axes, decision: Axes) -> None:
-        """Draw into two axes."""
+    def __init__(self, needs: Axes, decision: Axes, longest: str) -> None:
+        """Draw into two axes, with room for a title and for the `longest` name of a need."""
         self._needs, self._decision = needs, decision
+        needs.set_title("name", fontsize=TITLE)
+        needs.set_yticks([0], [longest], fontsize=NAME)
 
     def draw(self, who: Followed | None) -> None:
         """Draw the agent's present state; draw nothing if there is no agent."""
@@ -36,13 +39,13 @@ class MindPicture:
         self._needs.barh(rows, np.nan_to_num(who.needs), color=shades, height=0.7)
         regulated = np.array([need.regulated for need in who.species.needs])
         self._needs.plot(who.target[regulated], rows[regulated], "|", color="black", markersize=14, markeredgewidth=2)
-        self._needs.set_yticks(rows, names, fontsize=8)
+        self._needs.set_yticks(rows, names, fontsize=NAME)
         highest = [
             max(need.set_point, need.bounds[1] if np.isfinite(need.bounds[1]) else 0) for need in who.species.needs
         ]
         self._needs.set_xlim(min(0.0, float(np.nanmin(np.append(who.needs, 0.0)))), 1.05 * max(*highest, 1e-9, 0.0))
         lives = bool(np.isfinite(who.place).all())
-        self._needs.set_title(who.name if lives else f"{who.name} does not live", fontsize=10)
+        self._needs.set_title(who.name if lives else f"{who.name} does not live", fontsize=TITLE)
         figure = self._decision.get_figure(root=True)
         assert figure is not None
         points = self._decision.bbox.width * 72 / figure.dpi

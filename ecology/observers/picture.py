@@ -63,8 +63,11 @@ class Picture:
         self._canvas = FigureCanvasAgg(figure)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1), height_ratios=(1, 1.6)) if self._shot.beside else None
         self._axes = figure.add_subplot() if grid is None else figure.add_subplot(grid[:, 0])
+        longest = max((need.name for species in scenario.species for need in species.needs), key=len, default="")
         self._mind = (
-            None if grid is None else MindPicture(figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1]))
+            None
+            if grid is None
+            else MindPicture(figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1]), longest)
         )
         self._past: deque[np.ndarray] = deque(maxlen=max(self._shot.trail, 1))  # places, (N, 2), of the last frames
         axes = self._axes

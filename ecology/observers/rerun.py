@@ -340,7 +340,7 @@ class RerunObserver:
         self._target, identity, layout = self._path, None, True
         unfinished_path(self._path).unlink(missing_ok=True)
         if self._run.resume and (tick == 0 or not (self._path.exists() and self._path.stat().st_size)):
-            for part in recording_parts(self._path):  # the run was killed before its first checkpoint: it begins anew
+            for part in recording_parts(self._path):  # the run was killed before its first checkpoint: it starts over
                 part.unlink()
         if self._run.resume and self._path.exists():
             self._target, identity, layout = prepare_to_resume(self._path, tick, self._scene.application)

@@ -61,10 +61,10 @@ class Row:
         """Return the verdict: whether ours agrees with the closed form and with theirs, or what it differs from."""
         if self.verdict is not None:
             return self.verdict
-        found: dict[str, list[str]] = {"differs from": [], "cannot be told from": []}
+        found: dict[str, list[str]] = {"differs from": [], "not distinguishable from": []}
         for name, fits in (("the closed form", self._fits()), ("theirs", self._like_theirs())):
             if fits is not True:
-                found["differs from" if fits is False else "cannot be told from"].append(name)
+                found["differs from" if fits is False else "not distinguishable from"].append(name)
         return "; ".join(f"{word} {' and '.join(names)}" for word, names in found.items() if names) or "agrees"
 
     def _fits(self) -> bool | None:

@@ -95,7 +95,7 @@ def _against_idle(row: Row, idle: Sequence[float] | None) -> str:
     interval = row.interval()
     if idle is None or interval is None:
         return "no number to compare with"
-    return "better than doing nothing" if interval[0] > np.mean(idle) else "cannot be told from doing nothing"
+    return "better than doing nothing" if interval[0] > np.mean(idle) else "not distinguishable from doing nothing"
 
 
 def rows(e: Empathic, done: Mapping[str, Any]) -> list[Row]:

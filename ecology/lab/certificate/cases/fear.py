@@ -43,7 +43,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             if values:
                 row = Row(f"{what}, wound {wound:g}", values)
                 low, high = row.interval() or (-math.inf, math.inf)
-                verdict = "above 0" if low > 0 else "below 0" if high < 0 else "cannot be told from 0"
+                verdict = "above 0" if low > 0 else "below 0" if high < 0 else "not distinguishable from 0"
                 rows.append(replace(row, verdict=verdict))
     return rows
 
