@@ -190,7 +190,7 @@ def _build(name: str, changes: Mapping[str, Any]) -> Any:
     """Return the result of `build` of a file, with the settings resolved."""
     build = module(name).build
     defaults = _defaults(name, build)
-    resolved = {**defaults, **_check_settings(name, defaults, changes)}
+    resolved = {**defaults, **_check_settings(name, defaults, changes, _open_ended(build))}
     try:
         built = build(**resolved)
     except EcologyError:
@@ -211,7 +211,15 @@ def _defaults(name: str, build: Callable[..., Any]) -> dict[str, Any]:
     return {key: parameter.default for key, parameter in parameters.items()}
 
 
-def _check_settings(name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _open_ended(build: Callable[..., Any]) -> frozenset[str]:
+    """Return the parameters of `build` that are a tuple of any length, by their annotation: tuple[float, ...]."""
+    said = {key: str(parameter.annotation) for key, parameter in inspect.signature(build).parameters.items()}
+    return frozenset(key for key, text in said.items() if text.startswith("tuple[") and text.endswith(", ...]"))
+
+
+def _check_settings(
+    name: str, defaults: Mapping[str, Any], changes: Mapping[str, Any], open_ended: frozenset[str] = frozenset()
+) -> dict[str, Any]:
     checked = {}
     for key, value in changes.items():
         if key not in defaults:
@@ -223,7 +231,7 @@ def _check_settings(name: str, defaults: Mapping[str, Any], changes: Mapping[str
             good = isinstance(value, (int, float))
             value = float(value) if good else value
         elif isinstance(default, tuple):
-            good = isinstance(value, (tuple, list)) and len(value) == len(default)
+            good = isinstance(value, (tuple, list)) and (key in open_ended or len(value) == len(default))
             value = tuple(value) if good else value
         elif default is None:
             good = True

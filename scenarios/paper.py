@@ -10,7 +10,21 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ecology import Action, Arena, Need, Resource, Scenario, Species, consume, go_to, move, rest, sleep, turn
+from ecology import (
+    Action,
+    Arena,
+    EcologyError,
+    Need,
+    Resource,
+    Scenario,
+    Species,
+    consume,
+    go_to,
+    move,
+    rest,
+    sleep,
+    turn,
+)
 
 ARENA = Arena(
     vertices=(
@@ -36,7 +50,9 @@ def build(
     dt: float = 1.0,
     ticks: int = 60_000,
 ) -> Scenario:
-    """Return the world: `heading` False gives four absolute directions instead of turns."""
+    """Return the world, with a need for each of 1 to 4 `set_points`; `heading` False gives absolute directions."""
+    if not 1 <= len(set_points) <= len(PLACES):
+        raise EcologyError(f"set_points are 1 to {len(PLACES)} numbers, one for each food; got {set_points!r}.")
     foods = tuple(
         Resource(name=f"food_{i + 1}", position=place, radius=0.3) for i, place in enumerate(PLACES[: len(set_points)])
     )

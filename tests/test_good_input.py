@@ -155,3 +155,15 @@ def test_every_action_takes_a_name(action, default):
     assert action(name="mine").name == "mine"
     with pytest.raises(EcologyError, match="a name is a Python word"):
         action(name="")
+
+
+def test_a_setting_that_is_a_tuple_of_any_length_takes_any_length():
+    """`tuple[float, ...]` takes fewer numbers than the default has; a scenario says how many it can use."""
+    three = scenarios.load("paper", set_points=[1, 4.0, 2.0])
+    assert [need.set_point for need in three.species[0].needs if need.name.startswith("need")] == [1.0, 4.0, 2.0]
+    assert len(three.resources) == 3
+    for wrong in ((), (1.0,) * 5):
+        with pytest.raises(EcologyError, match="set_points are 1 to 4 numbers"):
+            scenarios.load("paper", set_points=wrong)
+    with pytest.raises(EcologyError, match="'start' of scenario 'paper_reference' is like"):
+        scenarios.load("paper_reference", start=(1.0, 2.0, 3.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -169,13 +169,17 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
     return found + _rows_of_learners(done, level)
 
 
+def _share(lives: Sequence[Mapping[str, Any]]) -> float:
+    """Return the share of the possible bites that learned predators take; where they died out there is none."""
+    return float(np.mean([life["taken"] for life in lives if not life["extinct"]]))
+
+
 def _rows_of_learners(done: Mapping[str, Any], level: Mapping[float, float]) -> list[Row]:
     """Return what learners do: a share p of the bites is a rate of search of p a, so K_c and prey at rest are 1 / p."""
     found: list[Row] = []
-    lives = answers.column(done, "learned-")
-    if not lives:
+    if all(life["extinct"] for life in answers.column(done, "learned-")):
         return found
-    p = float(np.mean([life["taken"] for life in lives]))
+    p = _share(answers.column(done, "learned-"))
     given = "no number to compare with"
     found.append(Row("f/J: share p of the possible bites that predators take", [p], verdict=given))
     for k in AMONG:
@@ -184,9 +188,10 @@ def _rows_of_learners(done: Mapping[str, Any], level: Mapping[float, float]) -> 
             gone = sum(life["extinct"] for life in lives)
             what = f"f/J: coefficient of variation of prey, K {k:g} (K_c / p {K_CRITICAL / p:.0f}; {gone} extinct)"
             found.append(Row(what, [life["cv"] for life in lives], verdict=given))
-        if lives and k < K_CRITICAL:
-            prey = [life["prey"] for life in lives]
-            found.append(Row(f"f/J: prey at rest, K {k:g}: N* / p", prey, closed=N_REST / p, tolerance=0.12 * N_REST))
+        if lives and k < K_CRITICAL and not all(life["extinct"] for life in lives):
+            prey, here = [life["prey"] for life in lives], _share(lives)
+            what = f"f/J: prey at rest, K {k:g}: N* / p, p {here:.2f} there"
+            found.append(Row(what, prey, closed=N_REST / here, tolerance=0.12 * N_REST))
     seeds = answers.complete_parts(done, "learned", AMONG, answers.SEEDS)
     if seeds and len(level) == len(CAPACITIES):
         scripted = crossing(level)
@@ -208,8 +213,8 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
     for k in AMONG:
         values = [life["cv"] for life in answers.column(done, f"learned-{k:g}-")]
         left.plot([k] * len(values), values, answers.PUBLISHED.marker, color=answers.THEIRS, markersize=4)
-    if lives := answers.column(done, "learned-"):
-        p = float(np.mean([life["taken"] for life in lives]))
+    if not all(life["extinct"] for life in answers.column(done, "learned-")):
+        p = _share(answers.column(done, "learned-"))
         left.axvline(K_CRITICAL / p, color=answers.THEIRS, ls=":", label=f"K_c / p of learners {K_CRITICAL / p:.0f}")
     answers.finish(left, "K", "CV of prey (round: scripted, else f/J; one per seed)")
     for k, look in zip((have[0], have[-1]), (answers.LEARNED, answers.PUBLISHED), strict=True) if have else ():
