@@ -25,7 +25,8 @@ from ecology.world import Tick
 FOCUS_TICKS = 500  # after which the hungriest is looked for again
 CLOSE = 10  # samples between two plans, and between two maps of J at the present state
 SECONDS = 0.2  # of the clock between them, while a viewer is attached
-SPARSE = 20  # samples between two age structures, and between two coupling matrices
+SPARSE = 20  # samples between two age structures, and between two coupling matrices, at most
+SOON = 5  # samples of a run after which these are one sample further apart
 
 
 class Sampling(NamedTuple):
@@ -164,8 +165,11 @@ class Sampler:
 
     def look(self, state: State, *, sampled: bool = True, turned: bool = False, waits: bool = False) -> Watch:
         """Return what panels take their samples from; where the run waits, there is time to look closely."""
-        # by the tick, so that a run that is resumed has the same
-        sparse = self._sampled == 0 or state.tick % (SPARSE * self._every) == 0
+        # by the tick, so that a run that is resumed has the same; a young run's age structure soon changes
+        samples = state.tick // self._every
+        sparse = self._sampled == 0 or (
+            state.tick % self._every == 0 and samples % min(SPARSE, 1 + samples // SOON) == 0
+        )
         closely = sampled and (state.tick % (CLOSE * self._every) == 0 or turned or waits)
         if sampled and time.monotonic() - self._close > SECONDS and self._is_watched():
             closely, self._close = True, time.monotonic()

@@ -14,7 +14,7 @@ from ecology.observers.scene import INK, MAP_SCALE
 
 WIDE = (2.0, 1.0)  # width and height of the rectangle in which a matrix is drawn
 ROWS, COLUMNS = 4, 6  # names beside and below it, at most
-FEW = 3  # names below one of more columns, whose cells are narrow
+FEW = 2  # names below one of more columns, whose cells are narrow
 UP = 0.14  # by which a word begins above the middle of its cell
 PIXELS = 8  # of a cell
 COUPLED = 128  # agents of a species whose coupling is drawn, at most
