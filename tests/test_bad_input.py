@@ -450,7 +450,7 @@ def test_an_unknown_setting_of_a_learner_names_the_learner(learner):
         ({"ticks": -5}, ["ticks", "positive", "-5"]),
         ({"dt": 0}, ["dt", "positive", "0"]),
         ({"dt": -1.0}, ["dt", "positive", "-1.0"]),
-        ({"set_points": (1.0, 2.0)}, ["'set_points'", "(1.0, 2.0)"]),
+        ({"set_points": (1.0,) * 5}, ["set_points", "1 to 4", "(1.0, 1.0, 1.0, 1.0, 1.0)"]),
         ({"set_points": 3.0}, ["'set_points'", "3.0"]),
         ({"set_points": (1.0, 2.0, 3.0, "four")}, ["set_point", "'four'"]),
         ({"set_points": (1.0, 2.0, 3.0, -4.0)}, ["need_4", "bounds", "(0.0, -8.0)"]),
