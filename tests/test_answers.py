@@ -156,7 +156,7 @@ def test_predators_learn_to_hunt_in_enrichment():
         for seed in range(answers.SEEDS)
     }
     gone = f"learned-{enrichment.AMONG[-1]:g}-0"
-    done[gone] = {**done[gone], "extinct": True, "taken": 0.0}  # who is not there leaves out no bites
+    done[gone] = {**done[gone], "extinct": True, "taken": 0.0}  # predators that have died out count for nothing
     done |= {f"scripted-{k:g}-0": {**life, "cv": k / 400} for k in enrichment.CAPACITIES}  # varies by 0.6 from 240 on
     rows = {row.what.split(",")[0]: row for row in enrichment.case().rows(done) if row.what.startswith("f/J")}
     assert rows["f/J: prey at rest"].says() == "agrees"

@@ -100,7 +100,7 @@ def test_the_rim_of_a_place_is_no_reason_for_doubt(mind: tuple[Memory, Revision]
 
 @pytest.mark.parametrize(("open_", "why"), [(ASLEEP, "asleep"), (EVERY, "the meal is there")], ids=["asleep", "there"])
 def test_nothing_is_doubted_where_nothing_is_missed(mind: tuple[Memory, Revision], open_: list[bool], why: str) -> None:
-    """Where only one movement is open, the agent is told nothing of the place; a meal that is open is no surprise."""
+    """One open movement alone, as in sleep, says nothing of the place; a meal that is open is no surprise."""
     memory, _ = mind
     remember(memory, [*RING, *MIDDLE], EVERY)
     assert revise(mind, (0.01, 0.0), open_, times=10) == [], why

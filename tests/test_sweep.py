@@ -184,7 +184,7 @@ def test_a_finished_run_is_never_run_twice(sweep: Sweep, quick: list[str]) -> No
     assert sweep(*words, "--seeds", "0:3")[0] == 0
     assert quick[4:] == ["decay=0.01_seed=2", "decay=0.05_seed=2"]
     assert len(rows()["run"]) == 6
-    # a run that was stopped is gone on with, not started over
+    # a run that was stopped is resumed, not restarted
     folder = Path("out/runs/decay=0.01_seed=1")
     summary = json.loads((folder / "summary.json").read_text())
     (folder / "summary.json").write_text(json.dumps(summary | {"stopped_at": 60, "ticks": 30}))

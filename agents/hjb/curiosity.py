@@ -56,15 +56,13 @@ class Curiosity:
     def search_again(self, slots: np.ndarray, patience: int) -> None:
         """Begin the search again in those of `slots` (k,) that have found nothing new for `patience` decisions."""
         again = slots[(self.since[slots] > patience) & (self.searches[slots] < SEARCHES)]
-        self.marked[self.device.on(again)] = 0
-        self.level[again], self.since[again] = 1.0, 0
-        self.searches[again] += 1
+        self.search(again, self.searches[again] + 1)
 
-    def forget(self, slot: int) -> None:
-        """Forget all marks of `slot`, for something has gone; it is as curious as at birth."""
-        self.marked[slot] = 0
-        self.level[slot] = 1.0
-        self.since[slot] = self.searches[slot] = 0
+    def search(self, slots: np.ndarray, before: np.ndarray | int) -> None:
+        """Let `slots` (k,) forget their marks and be as curious as at birth, after `before` (k,) other searches."""
+        self.marked[self.device.on(slots)] = 0
+        self.level[slots], self.since[slots] = 1.0, 0
+        self.searches[slots] = before
 
     def mark(self, slots: np.ndarray, places: np.ndarray, reach: np.ndarray) -> Any:
         """Mark the `places` (k, 2) that are unknown to `slots` (k,); return which, on the device."""

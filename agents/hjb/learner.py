@@ -103,10 +103,14 @@ class HJB(Learner):
         child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0), pool_size=seed.pool_size)
         draw = np.random.default_rng(child)
         self.generator = np.random.default_rng(draw.integers(2**62))
-        self._hold_arrays(n)
-        self.execution = Execution(self.moves, n, self.components)
         kinds = np.array(group.kinds)[self.moves.action[:, 0]]
         self.idle, self.approaches = kinds == "rest", kinds == "go_to"  # (M,)
+        self._hold_arrays(n)
+        meals = kinds == "consume"  # they depend on a place
+        self.revision = Revision(
+            self.memory, meals, self.encoding.place, self.settings.doubt_reach, self.settings.doubt
+        )
+        self.execution = Execution(self.moves, n, self.components)
         self.more = np.zeros(n, np.int64)  # strides for which an exploratory walk continues
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.clock = np.zeros(n, np.int64)  # ticks acted
@@ -140,8 +144,6 @@ class HJB(Learner):
             *(at.zeros((n,), np.float32) for _ in range(3)),
         )  # fmt: skip
         self._set_constants()
-        meals = np.array(self.group.kinds)[self.moves.action[:, 0]] == "consume"  # they depend on a place
-        self.revision = Revision(m, meals, self.encoding.place, s.doubt_reach, s.doubt)
         self.replay = Replay(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
         self.trace = Trace(
             np.zeros((n, s.errors, len(self.encoding.where)), np.float32),
@@ -351,7 +353,7 @@ class HJB(Learner):
         for slot, movement in self.revision.revise(slots, observations, open_):
             self.tried[slot, movement] = 0
             self.tried[slot, self.approaches] = 0
-            self.curiosity.forget(slot)
+            self.curiosity.search(np.array([slot]), 0)
 
     def _scores(self, slots: np.ndarray, observations: np.ndarray, open_: np.ndarray) -> np.ndarray:
         """Return the HJB scores (k, M) of what is open to `slots` (k,), as the last update left them where it did."""

@@ -37,6 +37,8 @@ class Revision:
         gap = x * x + y * y  # (k, C), newest first
         within = (gap < self.reach**2) & exists
         same = (gap < (SAME * self.reach) ** 2) & exists
+        made = memory.movement[rows, columns]
+        chooses = open_.sum(1) > 1  # where one movement alone is open, as in sleep, that says nothing of the place
         lost = []
         for movement in np.flatnonzero(self.which):
             was_open = memory.open[rows, columns, int(movement)]
@@ -45,8 +47,7 @@ class Revision:
             missed = (within & since).sum(1) >= self.doubt
             missed &= before.sum(1) >= LEAST
             missed &= (before & was_open).sum(1) >= MOSTLY * before.sum(1)
-            closed = ~open_[:, movement] & (open_.sum(1) > 1)  # asleep, an agent is told nothing of the place
-            for row in np.flatnonzero(device.off(missed) & closed):
+            for row in np.flatnonzero(device.off(missed) & ~open_[:, movement] & chooses):
                 rim = (gap[row] < (RIM * self.reach) ** 2) & exists[row] & was_open[row]
                 if not surrounded(device.off(x[row][rim]), device.off(y[row][rim])):
                     continue
@@ -54,10 +55,10 @@ class Revision:
                 memory.open[int(slots[row]), wrong, int(movement)] = False
                 if not (memory.open[int(slots[row]), columns[row], int(movement)] & exists[row]).any():
                     lost.append((int(slots[row]), int(movement)))
-            # what was done was open: if it is again, the doubt was wrong
-            made = within & ~was_open & (memory.movement[rows, columns] == int(movement))
-            for row in np.flatnonzero(device.off(made.any(1)) & open_[:, movement]):
-                memory.open[int(slots[row]), columns[row][made[row]], int(movement)] = True
+            # a movement that was made was open: if it is again, the doubt was wrong
+            denied = within & ~was_open & (made == int(movement))
+            for row in np.flatnonzero(device.off(denied.any(1)) & open_[:, movement]):
+                memory.open[int(slots[row]), columns[row][denied[row]], int(movement)] = True
         return lost
 
 

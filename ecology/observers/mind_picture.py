@@ -45,7 +45,7 @@ class MindPicture:
         ]
         self._needs.set_xlim(min(0.0, float(np.nanmin(np.append(who.needs, 0.0)))), 1.05 * max(*highest, 1e-9, 0.0))
         lives = bool(np.isfinite(who.place).all())
-        self._needs.set_title(who.name if lives else f"{who.name} does not live", fontsize=TITLE)
+        self._needs.set_title(who.name if lives else f"{who.name} is not alive", fontsize=TITLE)
         figure = self._decision.get_figure(root=True)
         assert figure is not None
         points = self._decision.bbox.width * 72 / figure.dpi
