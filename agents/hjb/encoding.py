@@ -43,6 +43,7 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
     centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
     f4 = np.float32
     where = np.flatnonzero(~needs & (kinds != "felt"))
+    spatial = np.append((placed | angles) & placed.any(), False)
     return Encoding(
         centre=centre.astype(f4),
         inverse=(1 / layout.scale).astype(f4),
@@ -83,6 +84,7 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
         slow=s.target_network,
         weight_decay=f4(s.weight_decay),
         lazy=s.lazy_heads,
+        spatial=spatial,
         where=where,
         nearness=np.select(
             [kinds[where] == "position", kinds[where] == "angle"],

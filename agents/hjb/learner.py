@@ -495,9 +495,10 @@ class HJB(Learner):
         """Take one gradient step on L_f and L_J for the agents that are `ready` (n,)."""
         s, n = self.settings, self.size
         b, bf = (s.batch, s.batch_f) if s.replay else (1, 1)
-        m = round(s.imagined * b)
+        m, mf = round(s.imagined * b), round(s.imagined_f * bf) if self.encoding.spatial.any() else 0
+        numbers = b + bf + m * self.components + m + m // 2 + mf * len(self.encoding.deprivable)
         sampling = Sampling(
-            uniform=self.device.uniform(self.generator, (n, b + bf + m * self.components + m + m // 2)),
+            uniform=self.device.uniform(self.generator, (n, numbers)),
             normal=self.device.normal(self.generator, (n, m // 2, self.components)),
             batch=b,
             batch_f=bf,
@@ -505,6 +506,7 @@ class HJB(Learner):
             late=round(b * s.recent_share),
             late_f=round(bf * s.recent_share),
             imagined=m,
+            imagined_f=mf,
         )
         self._set_optimism()
         training = Training(ready, self.rate(), self.loss_f, self.loss_j)

@@ -66,6 +66,7 @@ class HJBSettings:
     near_angle: float = 0.6  # radians, standard deviation of the same kernel for angles
     searched: int = 4000  # latest decisions that are searched for the open movements at a predicted state
     imagined: float = 0.5  # share of J's batch whose needs are redrawn, the rest of zeta kept
+    imagined_f: float = 0.5  # share of f's batch whose needs are redrawn: on none of them depends where movements lead
     relative_weight: int = 1  # power of 1 / d by which L_J weighs small drives d more; 0: not at all
     learn_value: bool = True  # the network of J learns V = d - Jn, so that J begins as the drive
     target_network: bool = True  # a slow copy of J in the target (Lillicrap et al. 2016), by which an agent acts
@@ -104,7 +105,16 @@ def check_bounds(settings: HJBSettings, trait: LearnerTrait) -> None:
 RULES: tuple[tuple[tuple[str, ...], str, Callable[[float], bool]], ...] = (
     (("gamma",), "between 0 and 1, both excluded", lambda v: 0 < v < 1),
     (
-        ("epsilon", "epsilon_final", "recent_share", "imagined", "optimism", "optimism_young", "reluctance"),
+        (
+            "epsilon",
+            "epsilon_final",
+            "recent_share",
+            "imagined",
+            "imagined_f",
+            "optimism",
+            "optimism_young",
+            "reluctance",
+        ),
         "from 0 to 1",
         lambda v: 0 <= v <= 1,
     ),
@@ -149,6 +159,7 @@ ALGORITHM1: Mapping[str, Any] = {
     "update_every": 1.0,
     "place_cells": 0,
     "imagined": 0.0,
+    "imagined_f": 0.0,
     "optimism": 0.0,
     "relative_weight": 0,
     "persistence": 1,
@@ -184,6 +195,7 @@ LEAN: Mapping[str, Any] = {
     "updates": 1,
     "depth": 1,
     "errors": 0,
+    "imagined_f": 0.0,
     "recent_share": 0.4,
     "relative_weight": 2,
     "reluctance": 0.0,

@@ -15,6 +15,7 @@ LEARNER = {  # of f/J: one decision a tick and a short memory, for worlds of a f
     "batch_f": 64,
     "place_cells": 0,
     "imagined": 0.0,
+    "imagined_f": 0.0,
     "depth": 1,
     "errors": 0,
     "recent_share": 0.4,

@@ -62,6 +62,7 @@ class Encoding(NamedTuple):
     slow: bool  # whether there is a target network
     weight_decay: np.float32  # decay of the weights of f's heads, per unit of the learning rate
     lazy: bool  # Adam leaves heads of f alone that no decision of the batch trains
+    spatial: Array  # bool (D + 1,) positions and angles, of an agent that senses its position
     where: Array  # int (W,) components of zeta that locate the agent: neither needs nor felt
     nearness: Array  # (W,) 1 / sd of each in the kernel that measures how near two states are
     turning: Array  # bool (W,) which of them are angles
@@ -147,7 +148,7 @@ class RecalledErrors(NamedTuple):
 class Sampling(NamedTuple):
     """How a batch is drawn, and the random numbers for it."""
 
-    uniform: Array  # (n, >= batch + batch_f + m D + m + m // 2)
+    uniform: Array  # (n, >= batch + batch_f + m D + m + m // 2 + m_f E), E deprivable needs
     normal: Array  # (n, m // 2, D)
     batch: int
     batch_f: int
@@ -155,6 +156,7 @@ class Sampling(NamedTuple):
     late: int  # of the batch on J, those from the `recent` decisions
     late_f: int
     imagined: int  # m, of the batch on J, those whose needs are redrawn
+    imagined_f: int  # m_f, the same of the batch on f, which serve the spatial components alone
 
 
 class Training(NamedTuple):

@@ -18,7 +18,7 @@ from ecology import agents, scenarios
 from ecology.agents import loop
 
 SCENARIO, LEARNER, TICKS, SEED = "paper", "hjb", 1_500, 7
-PUBLISHED = "68be58abb16eb54b"
+PUBLISHED = "69d21fa43b097bca"
 
 
 def digest(scenario: str, settings: Mapping[str, Any], learner: str, ticks: int, seed: int = SEED) -> str:

@@ -65,13 +65,24 @@ def imagine(s, zeta, uniform, normal, m):
             zeta[r, v] = min(max(drawn, s.low[v]), s.high[v])
 
 
+@inlined
+def redraw(s, zeta, uniform, m):
+    """Redraw the deprivable needs of the first m states of zeta (b, D), as in half of `imagine`."""
+    count = len(s.deprivable)
+    for r in range(m):
+        for k in range(count):
+            v = s.deprivable[k]
+            bottom = max(s.deprived * s.scale[v], s.low[v])
+            zeta[r, v] = min(bottom + uniform[r * count + k] * (s.sated * s.scale[v] - bottom), s.high[v])
+
+
 @within
-def learn_f(s, own, sample, scratch, g):
+def learn_f(s, own, sample, m, scratch, g):
     """Return L_f and fill its gradient g (P,): the squared error of the executed movement's predicted change.
 
-    `sample` are zeta (b, D), the movement (b,), zeta after it and its duration (b,). Of one or two rows, g must be
-    zero before, and the gradients of w1 and w2 are left to `adam_across`: x, h1 and what comes back to them lie in
-    `scratch`. `learn_j` does so too.
+    `sample` are zeta (b, D), the movement (b,), zeta after it and its duration (b,). The first m rows, whose needs are
+    imagined, count for the spatial components alone. Of one or two rows, g must be zero before, and the gradients of
+    w1 and w2 are left to `adam_across`: x, h1 and what comes back to them lie in `scratch`. `learn_j` does so too.
     """
     zeta, movement, after, duration = sample
     rows, parts = zeta.shape
@@ -96,6 +107,8 @@ def learn_f(s, own, sample, scratch, g):
         if movement[r] < 0:
             continue
         for v in range(parts + 1):
+            if r < m and not s.spatial[v]:
+                continue
             target = min(duration[r], LONGEST) if v == parts else after[r, v] - zeta[r, v]
             for p in s.angle:
                 if p == v:

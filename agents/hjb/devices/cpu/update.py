@@ -14,7 +14,7 @@ from ecology.agents.hjb.devices.cpu.arithmetic import FEW, ZERO, F, copy, scratc
 from ecology.agents.hjb.devices.cpu.compiler import compiled, inlined, within
 from ecology.agents.hjb.devices.cpu.encoding import drive
 from ecology.agents.hjb.devices.cpu.first_order import executed_pace
-from ecology.agents.hjb.devices.cpu.learning import imagine, learn_f, learn_j, positions
+from ecology.agents.hjb.devices.cpu.learning import imagine, learn_f, learn_j, positions, redraw
 from ecology.agents.hjb.devices.cpu.llvm import ZEROED, borrow, control_word, keep_alive, replace_last, set_control_word
 from ecology.agents.hjb.devices.cpu.networks import inputs_of, layers
 from ecology.agents.hjb.devices.cpu.scores import expected_score, scores
@@ -102,7 +102,10 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
         copy(replay.zeta[i, at], batch.zeta_f[r])
         copy(replay.after[i, at], batch.after_f[r])
         batch.time_f[r], batch.movement_f[r] = replay.duration[i, at], replay.movement[i, at]
-    loss = learn_f(s, own, (batch.zeta_f, batch.movement_f, batch.after_f, batch.time_f), scratch, batch.g_f)
+    m = sampling.imagined_f
+    if m:
+        redraw(s, batch.zeta_f, uniform[len(uniform) - m * len(s.deprivable) :], m)
+    loss = learn_f(s, own, (batch.zeta_f, batch.movement_f, batch.after_f, batch.time_f), m, scratch, batch.g_f)
     batch.trained[:] = not s.lazy
     for r in range(bf):
         if batch.movement_f[r] >= 0:

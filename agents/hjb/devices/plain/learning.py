@@ -50,16 +50,29 @@ def imagine(s: Any, zeta: Tensor, uniform: np.ndarray, normal: np.ndarray, m: in
     return zeta
 
 
-def learn_f(s: Any, own: Any, sample: Sample) -> Tensor:
+def redraw(s: Any, zeta: Tensor, uniform: np.ndarray, m: int) -> Tensor:
+    """Return zeta (b, D) with the deprivable needs of its first m states redrawn, as in half of `imagine`."""
+    zeta, can = zeta.clone(), s.deprivable.tolist()
+    for r, drawn in enumerate(uniform.reshape(m, len(can))):
+        for v, share in zip(can, drawn.tolist(), strict=True):
+            bottom = max(s.deprived * s.scale[v], s.low[v])
+            zeta[r, v] = min(bottom + share * (s.sated * s.scale[v] - bottom), s.high[v])
+    return zeta
+
+
+def learn_f(s: Any, own: Any, sample: Sample, m: int = 0) -> Tensor:
     """Return L_f: the squared error of the executed movement's predicted change.
 
-    `sample` are zeta (b, D), the movement (b,), zeta after it and its duration (b,).
+    `sample` are zeta (b, D), the movement (b,), zeta after it and its duration (b,). The first m rows, whose needs are
+    imagined, count for the spatial components alone.
     """
     zeta, movement, after, duration = sample
     change = after - zeta
     change[:, s.angle] = torch.atan2(change[:, s.angle].sin(), change[:, s.angle].cos())
     target = torch.cat([change, duration[:, None].clamp(max=LONGEST)], 1) / s.unit
-    return mean((pick(forecast(s, own, zeta), movement) - target).square().mean(1), movement >= 0)
+    error = (pick(forecast(s, own, zeta), movement) - target).square()
+    kept = s.spatial | (torch.arange(len(error)) >= m)[:, None]
+    return mean((error * kept).mean(1), movement >= 0)
 
 
 def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:

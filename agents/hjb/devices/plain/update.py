@@ -12,7 +12,7 @@ from torch.nn import functional
 from ecology.agents.hjb.devices.plain.adam import Row, step
 from ecology.agents.hjb.devices.plain.encoding import drive
 from ecology.agents.hjb.devices.plain.first_order import executed_pace
-from ecology.agents.hjb.devices.plain.learning import imagine, learn_f, learn_j, positions
+from ecology.agents.hjb.devices.plain.learning import imagine, learn_f, learn_j, positions, redraw
 from ecology.agents.hjb.devices.plain.networks import inputs_of, layers
 from ecology.agents.hjb.devices.plain.scores import expected_score, scores
 from ecology.agents.hjb.devices.records import Agent, Replay, Sampling, Weights
@@ -46,7 +46,9 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
     at = positions(int(replay.count[i]), replay.zeta.shape[1], uniform, sampling.late_f, sampling.recent)
     zeta, after, duration = (torch.from_numpy(array[i, at]) for array in (replay.zeta, replay.after, replay.duration))
     movement = torch.from_numpy(replay.movement[i, at].astype(np.int64))
-    loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration))
+    m, numbers = sampling.imagined_f, sampling.uniform[i]
+    zeta = redraw(s, zeta, numbers[len(numbers) - m * len(s.deprivable) :], m)
+    loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration), m)
     loss.backward()
     trained = np.isin(np.arange(s.movements), movement.numpy()) if s.lazy else np.ones(s.movements, bool)
     row = Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i])

@@ -45,18 +45,31 @@ def imagine(s: Any, zeta: Tensor, uniform: Tensor, normal: Tensor, m: int) -> Te
     return torch.cat([torch.where(s.need, drawn, zeta[:, :m]), zeta[:, m:]], 1)
 
 
-def learn_f(s: Any, own: Any, sample: Sample) -> Tensor:
+def redraw(s: Any, zeta: Tensor, uniform: Tensor, m: int) -> Tensor:
+    """Return zeta (a, b, D) with the deprivable needs of its first m states redrawn, as in half of `imagine`."""
+    if not (m and len(s.deprivable)):
+        return zeta
+    zeta, can = zeta.clone(), s.deprivable
+    bottom = (s.deprived * s.scale).maximum(s.low)[can]
+    drawn = bottom + uniform.unflatten(1, (m, len(can))) * (s.sated * s.scale[can] - bottom)
+    zeta[:, :m, can] = torch.minimum(drawn, s.high[can])
+    return zeta
+
+
+def learn_f(s: Any, own: Any, sample: Sample, m: int = 0) -> Tensor:
     """Return L_f (a,): the squared error of the executed movement's predicted change.
 
-    `sample` are zeta (a, b, D), the movement (a, b), zeta after it and its duration (a, b).
+    `sample` are zeta (a, b, D), the movement (a, b), zeta after it and its duration (a, b). The first m rows, whose
+    needs are imagined, count for the spatial components alone.
     """
     zeta, movement, after, duration = sample
     change = after - zeta
     turned = change[..., s.angle]
     change[..., s.angle] = torch.atan2(turned.sin(), turned.cos())
     target = torch.cat([change, duration[..., None].clamp(max=LONGEST)], -1)
-    error = pick(forecast(s, own, zeta), movement) - target / s.unit
-    return mean(error.square().mean(-1), movement >= 0)
+    error = (pick(forecast(s, own, zeta), movement) - target / s.unit).square()
+    kept = s.spatial | (torch.arange(error.shape[1], device=s.device) >= m)[:, None]
+    return mean((error * kept).mean(-1), movement >= 0)
 
 
 def learn_j(s: Any, own: Any, sample: Sample) -> Tensor:

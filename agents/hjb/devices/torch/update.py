@@ -13,7 +13,7 @@ from ecology.agents.hjb.devices.records import Agent, Replay, Sampling, Weights
 from ecology.agents.hjb.devices.torch.adam import Row, step
 from ecology.agents.hjb.devices.torch.encoding import drive
 from ecology.agents.hjb.devices.torch.first_order import executed_pace
-from ecology.agents.hjb.devices.torch.learning import imagine, learn_f, learn_j, positions
+from ecology.agents.hjb.devices.torch.learning import imagine, learn_f, learn_j, positions, redraw
 from ecology.agents.hjb.devices.torch.lookahead import rows_at
 from ecology.agents.hjb.devices.torch.networks import inputs_of, layers
 from ecology.agents.hjb.devices.torch.scores import expected_score, scores
@@ -46,8 +46,10 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
     uniform = sampling.uniform[:, sampling.batch : sampling.batch + sampling.batch_f]
     at = positions(replay.count, replay.zeta.shape[1], uniform, sampling.late_f, sampling.recent)
     zeta, after, duration, movement = (rows_at(array, at) for array in replay[:4])
+    m, numbers = sampling.imagined_f, sampling.uniform
+    zeta = redraw(s, zeta, numbers[:, numbers.shape[1] - m * len(s.deprivable) :], m)
     with torch.enable_grad():
-        loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration))
+        loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration), m)
         loss.sum().backward()
     trained = torch.ones_like(weights.f_steps[:, 1:], dtype=torch.bool)
     if s.lazy:

@@ -25,7 +25,7 @@ LEARNED, SIZE, FAMILIES, SPAN, BRED = (0.3, 0.6), 4, 30, 21, 40  # learners: cos
 OWN: Mapping[str, Any] = {  # settings of learners that live for 21 ticks: an heir knows what its parent knew
     "inherit": True, "pause": 1.0, "update_every": 2.0, "width": 16, "batch": 16, "batch_f": 64, "memory": 100,
     "warm_up": 4, "epsilon": 0.1, "epsilon_final": 0.1, "learning_rate": 1e-3, "learning_rate_final": 1e-4,
-    "gamma": 0.9, "imagined": 0.0, "recent_share": 0.0,
+    "gamma": 0.9, "imagined": 0.0, "imagined_f": 0.0, "recent_share": 0.0,
 }  # fmt: skip
 
 
