@@ -19,9 +19,15 @@ START, MOST = 100.0, 200.0  # of the set point
 
 
 def build(
-    hours: float = 6.0, days: int = 12, hurry: float = 30.0, dt: float = 1.0, count: int = 1, ticks: int = 0
+    hours: float = 6.0,
+    days: int = 12,
+    acquisition: int = 1,
+    hurry: float = 30.0,
+    dt: float = 1.0,
+    count: int = 1,
+    ticks: int = 0,
 ) -> Scenario:
-    """Return the chamber with `hours` of access a day after a first day with one hour; `ticks` 0 means all days.
+    """Return the chamber with `hours` of access a day, after days of `acquisition` with one; `ticks` 0 means all days.
 
     A press is a dose per tick of dt trials.
     At night, nothing but the recovery of h* happens. The night is `hurry` times shorter, and the recovery `hurry` times
@@ -65,7 +71,7 @@ def build(
             ),
         )
 
-    sessions = (days_of("training", 1.0, 1), days_of("access", hours, days))
+    sessions = (days_of("training", 1.0, acquisition), days_of("access", hours, days))
     return Scenario(
         name="addiction",
         arena=CHAMBER,

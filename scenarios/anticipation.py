@@ -23,12 +23,15 @@ DAY, LATER = 1440.0, 60.0  # minutes: between trials, and from the light to the 
 ETHANOL, SLOW, FAST = 1.9635, 0.003632, 0.04064  # degrees; rates per minute
 WARMTH, WANES = 0.015, 0.0047045  # degrees per minute, rate per minute
 FORGETS = 0.02  # rate at which the memory of the light fades, per minute: it tells the hour before from all others
-# of hjb, minutes: one choice a day, so it explores for weeks
-PATIENT = {"epsilon": 0.5, "epsilon_final": 0.1, "youth": 30_000.0, "settling": 60_000.0, "updates": 4}
+# of hjb, minutes: one choice a day, so it explores for weeks and learns most from the last ones
+PATIENT = {
+    "epsilon": 0.5, "epsilon_final": 0.1, "youth": 30_000.0, "settling": 60_000.0, "updates": 4, "recent_share": 0.4,
+    "relative_weight": 2,
+}  # fmt: skip
 BLOCKS = (("habituation", 24, False), ("acquisition", 24, True), ("extinction", 12, False), ("reacquisition", 3, True))
 
 
-def build(gamma: float = 0.99, dt: float = 10.0, count: int = 1, ticks: int = 0) -> Scenario:
+def build(gamma: float = 0.995, dt: float = 10.0, count: int = 1, ticks: int = 0) -> Scenario:
     """Return the chamber; `gamma` is the learner's discount per minute, `ticks` 0 means all 63 days."""
 
     def leak(rate: float) -> float:

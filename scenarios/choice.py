@@ -48,7 +48,8 @@ def build(
         count=count,
         drive_epsilon=1e-6,
         drive_exponent=exponent,
-        learner_settings=LEARNER,
+        # a need takes some ticks to satisfy: over a long horizon, one meal changes J by less than its errors
+        learner_settings={**LEARNER, "gamma": 0.8, "update_every": 1.0, "epsilon_final": 0.1},
         **STILL,
     )
     names = ("larder", "spring") if water else ("larder",)

@@ -54,7 +54,7 @@ def build(
         exposures=(Exposure(field="load", control={"temperature": 1 / INERTIA}),),
         drive_exponent=2.0,
         count=count,
-        learner_settings=LEARNER,
+        learner_settings={**LEARNER, "gamma": 0.985, "update_every": 1.0},  # a load lasts 50 ticks
         **{**STILL, "senses": (Trace(of="light", rate=FADES),)},
     )
     trial = Session(

@@ -49,6 +49,7 @@ def test_cooling_ahead_saves_from_the_load():
     """The peaks and drives of the equation, and 48 ticks to death without; a weaker load gives other numbers."""
     done = {f"ahead-{k}": heat.measure_scripted(k) for k in (0, 16)}
     assert set(verdicts(heat, done)) == {"agrees"}
+    assert [heat._begins(np.array(done[f"ahead-{k}"]["path"])) for k in (0, 16)] == [0, 16]
     weaker = {f"ahead-{k}": heat.measure_scripted(k, load=6.0) for k in (0, 16)}
     assert "differs from the closed form" in "".join(verdicts(heat, weaker))
 

@@ -13,5 +13,5 @@ STILL: dict[str, Any] = {"position": MIDDLE, "heading": 0.0, "solid": False, "se
 LEARNER = {
     "adaptive_steps": False, "width": 32, "batch": 64, "batch_f": 64, "memory": 20_000, "updates": 1,
     "update_every": 2.0, "place_cells": 0, "depth": 1, "errors": 0, "epsilon": 0.3, "epsilon_final": 0.05,
-    "youth": 2_000.0, "recent_share": 0.4, "relative_weight": 2,
+    "youth": 2_000.0,
 }  # fmt: skip

@@ -17,7 +17,7 @@ from ecology.scenarios.addiction import DAY, DOSE, ENTERS, HOUR, LEAVES, MOST, R
 from ecology.state import Ints
 
 ORDER = 31
-DAYS, HURRY = 12, 30.0
+DAYS, ACQUISITION, HURRY = 12, 12, 30.0  # days of access, days of one hour before for learners, haste of the night
 WHOLE = 1 + LEAVES / ENTERS  # in brain and buffer, of what is in the brain, where it is held level
 COARSE, FINE = 4.0, 2.0  # trials in a tick: scripted, learned
 SWEEP = (1.0, 2.0, 2.75, 3.5, 4.5, 6.0)  # hours of access a day
@@ -37,11 +37,14 @@ def most_without() -> float:
     return (RECOVERY * DAY / (RISE * START) - WHOLE) / (LEAVES * HOUR)
 
 
-def _sessions(rows: list[Any], hours: float, dt: float) -> dict[str, Any]:
-    """Return infusions by session and h* after each night, from rows (h*, pressed) of every tick."""
+def _sessions(rows: list[Any], hours: float, dt: float, acquisition: int = 1) -> dict[str, Any]:
+    """Return infusions by session and h* after each night, from rows (h*, pressed) of every tick.
+
+    Of the sessions of `acquisition`, only the last is returned.
+    """
     table, first = np.array(rows), 0
     found: dict[str, Any] = {"infusions": [], "set_point": []}
-    for open_for, days in ((1.0, 1), (hours, DAYS)):
+    for open_for, days in ((1.0, acquisition), (hours, DAYS)):
         access = round(HOUR * open_for / dt)
         length = (HOUR * open_for + (DAY - HOUR * open_for) / HURRY) / dt
         for day in range(days):
@@ -49,7 +52,7 @@ def _sessions(rows: list[Any], hours: float, dt: float) -> dict[str, Any]:
             found["infusions"].append(float(table[at : at + access, 1].sum()))
             found["set_point"].append(float(table[min(at + round(length), len(table)) - 1, 0]))
         first += round(days * length)
-    return found
+    return {name: values[acquisition - 1 :] for name, values in found.items()}
 
 
 def _look(env: Ecology, state: Any) -> tuple[float, bool]:
@@ -71,9 +74,9 @@ def measure_scripted(hours: float) -> dict[str, Any]:
 
 def measure_learner(hours: float, seed: int) -> dict[str, Any]:
     """Return the sessions of a learner."""
-    words: dict[str, Any] = {"hours": hours, "hurry": HURRY, "dt": FINE}
+    words: dict[str, Any] = {"hours": hours, "hurry": HURRY, "dt": FINE, "acquisition": ACQUISITION}
     ticks = answers.begin("addiction", 0, **words)[0].scenario.ticks
-    return _sessions(answers.learn("addiction", seed, ticks, _look, **words)[3], hours, FINE)
+    return _sessions(answers.learn("addiction", seed, ticks, _look, **words)[3], hours, FINE, ACQUISITION)
 
 
 def rises_from(lives: Mapping[float, Any]) -> float:

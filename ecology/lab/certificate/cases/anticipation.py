@@ -18,7 +18,7 @@ from ecology.state import Floats, Ints
 
 ORDER = 29
 AT = (30, 60, 90, 120)  # minutes after the ethanol
-DT, GAMMA = 10.0, 0.99
+DT, GAMMA = 10.0, 0.995
 # block of three days -> change of temperature at AT: rats, and the published learner (500 animals)
 RATS = {
     "block 1": (-1.17, -1.44, -1.33, -1.27),

@@ -170,7 +170,7 @@ def _parts() -> list[Part]:
 
 
 def _measure_bounded_spread(exponent: float) -> list[float]:
-    return [spread(exponent, seed) for seed in range(3)]
+    return [spread(exponent, seed) for seed in range(answers.SEEDS)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:

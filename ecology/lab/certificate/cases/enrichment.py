@@ -21,7 +21,7 @@ from ecology.state import Ints
 ORDER = 37
 GROWTH, SCALE, DT = 0.05, 4.0, 0.5
 CAPACITIES = (100.0, 150.0, 220.0, 300.0)
-SEEDS, TICKS = 2, 5_000
+TICKS = 5_000
 AMONG, LIVED = (150.0, 220.0, 300.0, 360.0), 4_000  # capacities and ticks of learners
 VARIES = 0.6  # variability of prey from which numbers count as cycling
 OWN: Mapping[str, Any] = {  # settings of learners that live for some 130 ticks: an heir knows what its parent knew
@@ -121,7 +121,7 @@ def _parts() -> list[Part]:
     return [
         Part(f"scripted-{k:g}-{seed}", parameters, 8.0, functools.partial(measure_scripted, k, seed))
         for k in CAPACITIES
-        for seed in range(SEEDS)
+        for seed in range(answers.SEEDS)
     ] + [
         Part(f"learned-{k:g}-{seed}", learning, 15.0, functools.partial(measure_learner, k, seed))
         for seed in range(answers.SEEDS)

@@ -81,16 +81,15 @@ def measure_learner(seed: int, ticks: int = TRAINED) -> dict[str, Any]:
 def _episodes(rows: np.ndarray) -> np.ndarray:
     """Return the temperatures of the trials (k, ticks) from rows of temperature and light: from the light on."""
     length = LEAD + LASTS + AFTER
-    lit = np.flatnonzero((rows[1:, 1] > 0) & (rows[:-1, 1] == 0)) + 2
+    lit = np.flatnonzero((rows[1:, 1] > 0) & (rows[:-1, 1] == 0)) + 1
     return np.array([rows[k : k + length, 0] for k in lit if k + length <= len(rows)])
 
 
 def _begins(path: np.ndarray) -> float:
-    """Return how many ticks before the load the mean temperature begins its last fall; 0: it does not fall."""
+    """Return how many ticks before the load the mean temperature was last highest; 0: it falls by less than .5."""
     before = path[:LEAD]
-    falls = np.diff(before) < -0.05
-    held = np.flatnonzero(~falls)
-    return float(LEAD - 1 - (held[-1] + 1 if held.size else 0)) if falls[-1] else 0.0
+    highest = np.flatnonzero(before >= before.max() - 0.01)[-1]
+    return float(LEAD - 1 - highest) if before.max() - before[-1] >= 0.5 else 0.0
 
 
 def _parts() -> list[Part]:

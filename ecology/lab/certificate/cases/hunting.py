@@ -58,7 +58,7 @@ def fit(rates: Mapping[float, float]) -> tuple[float, float]:
 def _parts() -> list[Part]:
     parameters = answers.parameters("hunting", handling=HANDLING, hunters=HUNTERS, ticks=TICKS)
     found = []
-    for seed in range(4):
+    for seed in range(answers.SEEDS):
         found += [
             Part(f"scripted-{d:g}-{seed}", parameters, 3.0, functools.partial(measure_scripted, d, seed))
             for d in DENSITIES

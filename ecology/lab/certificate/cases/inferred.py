@@ -42,7 +42,7 @@ def policy_of(inferring: bool) -> episodes.Policy:
     return policy
 
 
-def measure_scripted(inferring: bool, lives: int = LIVES, cap: int = CAP) -> list[float]:
+def measure_scripted(inferring: bool, lives: int = answers.SEEDS, cap: int = CAP) -> list[float]:
     """Return the lengths of lives under that policy."""
     words = {"senses": "signs", "noise": NOISE}
     found, _ = episodes.run_scripted("inferred", words, policy_of(inferring), 1, lives, cap)

@@ -19,7 +19,6 @@ ORDER = 38
 GROUPS, GENERATIONS = 60, 50
 RELATED = (0.0, 0.25, 0.5, 0.75, 1.0)
 COSTS = (0.0, 0.3, 0.6)
-SEEDS = 4
 VARIED, LONGER = (0.25, 0.5, 0.75), 160
 LEARNED, SIZE, FAMILIES, SPAN, BRED = (0.3, 0.6), 4, 30, 21, 40  # learners: costs, group, groups, ticks, generations
 OWN: Mapping[str, Any] = {  # settings of learners that live for 21 ticks: an heir knows what its parent knew
@@ -97,13 +96,13 @@ def _parts() -> list[Part]:
         Part(f"fixed-{cost:g}-{r:g}-{seed}", parameters, 1.5, functools.partial(evolve, r, cost, seed))
         for cost in COSTS
         for r in (RELATED if cost else (0.0,))
-        for seed in range(SEEDS)
+        for seed in range(answers.SEEDS)
     ]
     parameters = answers.parameters("kin", groups=GROUPS, generations=LONGER)
     found += [
         Part(f"varied-{r:g}-{seed}", parameters, 4.0, functools.partial(evolve, r, 0.5, seed, True, LONGER))
         for r in VARIED
-        for seed in range(SEEDS)
+        for seed in range(answers.SEEDS)
     ]
     parameters = answers.parameters("kin", groups=FAMILIES, size=SIZE, life=SPAN, generations=BRED, **OWN)
     return found + [
@@ -125,7 +124,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             continue
         ours = [
             threshold({r: float(np.mean(life["share"][-10:])) for r, life in lives.items()})
-            for lives in answers.complete_parts(done, f"fixed-{cost:g}", RELATED, SEEDS)
+            for lives in answers.complete_parts(done, f"fixed-{cost:g}", RELATED, answers.SEEDS)
         ]
         if ours:
             found.append(Row(f"relatedness from which giving spreads, c/b {cost:g}", ours, closed=cost, tolerance=0.12))

@@ -19,7 +19,7 @@ from ecology.scenarios.laws import APPETITE, BEARS, COSTS, DIES, LEAK, MATURE, N
 from ecology.state import Ints
 
 ORDER = 40
-SEEDS, FEW, REPLICATES = 4, 8, 60  # worlds; bodies that drift; worlds of them in a part
+FEW, REPLICATES = 8, 60  # bodies that drift; worlds of them in a part
 AT_POOL, LIVED = 12, 2_500
 WIDE = 36  # letters of a line beside the figure
 
@@ -101,7 +101,9 @@ def _parts() -> list[Part]:
     found = []
     for name, of, seconds in (("competition", competition, 3.0), ("noise", noise, 1.0), ("growth", growth, 1.0),
                               ("fixation", fixation, 4.0)):  # fmt: skip
-        found += [Part(f"{name}-{seed}", parameters, seconds, functools.partial(of, seed)) for seed in range(SEEDS)]
+        found += [
+            Part(f"{name}-{seed}", parameters, seconds, functools.partial(of, seed)) for seed in range(answers.SEEDS)
+        ]
     parameters = answers.parameters("commons", n=AT_POOL, ticks=LIVED)
     return found + [Part(f"learned-{s}", parameters, 6.0, functools.partial(commons, s)) for s in range(answers.SEEDS)]
 

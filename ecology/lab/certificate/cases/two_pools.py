@@ -89,7 +89,7 @@ def _parts() -> list[Part]:
     parameters = answers.parameters("two_pools", ticks=TICKS, agents=AGENTS)
     found = []
     for epsilon in (0.0, EPSILON):
-        for seed in range(3):
+        for seed in range(answers.SEEDS):
             found += [
                 Part(
                     f"scripted-{epsilon:g}-{r:g}-{seed}",
