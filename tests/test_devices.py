@@ -122,6 +122,7 @@ def learned(settings: dict[str, Any], n: int = 3, device: str = "cpu") -> HJB:
         ).astype(np.float32)
         arrays["trace.movement"] = rng.integers(0, learner.count, (n, size)).astype(np.int16)
         arrays["trace.error"] = rng.normal(scale=0.3, size=(n, size, learner.components + 1)).astype(np.float32)
+        arrays["trace.possible"] = rng.random((n, size, learner.count)) < 0.6
         arrays["trace.time"] = rng.uniform(0, 900, (n, size)).astype(np.float32)
     if learner.cells:
         arrays["cell_count"] = rng.integers(1, learner.cells + 1, n)

@@ -149,6 +149,7 @@ class HJB(Learner):
             np.zeros((n, s.errors, len(self.encoding.where)), np.float32),
             np.zeros((n, s.errors), np.int16),
             np.zeros((n, s.errors, self.components + 1), np.float32),
+            np.zeros((n, s.errors, self.count), bool),
             np.zeros((n, s.errors), np.float32),
             np.zeros(n, np.int64),
         )
@@ -442,6 +443,7 @@ class HJB(Learner):
         trace.where[slots, at] = began[:, senses.where]
         trace.movement[slots, at] = movement
         trace.error[slots, at] = error
+        trace.possible[slots, at] = self.execution.was_open[slots]
         trace.time[slots, at] = self._now()[slots]
         trace.count[slots] += 1
 

@@ -78,8 +78,7 @@ def _search(
         nodes = _expand(s, own, past, nodes)
         if depth < s.depth - 1:
             nodes = _take(nodes, _best(s, nodes))
-            if past.count:  # without any decision behind it, what is open now may be open then
-                nodes = nodes._replace(open=past.open[_nearest(s, past, nodes.state)])
+            nodes = nodes._replace(open=_recall_open(s, past, nodes.state, first, open_))
     share, relief = rest
     roots = [way[0] for way in nodes.ways]
     score = nodes.score - np.clip(share[0] * nodes.score, 0, relief[0, roots])
@@ -129,12 +128,20 @@ def _gaps(s: Encoding, zeta: Tensor, where: np.ndarray) -> np.ndarray:
     return np.square(gap).sum(-1)
 
 
-def _nearest(s: Encoding, past: RecalledErrors, zeta: Tensor) -> np.ndarray:
-    """Return the positions (n,) in the ring of the decisions nearest to zeta (n, D): see the plain `nearest`."""
-    count, capacity = int(past.count), len(past.zeta)
-    back = np.arange(min(count, capacity, s.searched))
-    newest = (count - 1 - back) % capacity
-    return newest[np.argmin(_gaps(s, zeta, past.zeta[newest][:, s.where.numpy()]) + back * STALE, axis=1)]
+def _recall_open(s: Encoding, past: RecalledErrors, zeta: Tensor, here: Tensor, open_: np.ndarray) -> np.ndarray:
+    """Return what is expected to be open (n, M) at zeta (n, D): see the plain `recall_open`."""
+    places, gaps, opened = [here.numpy()[None, s.where.numpy()]], [np.zeros(1)], [open_[None]]
+    for count, where, possible in (
+        (int(past.noted), past.where, past.possible),
+        (int(past.count), past.zeta, past.open),
+    ):
+        back = np.arange(min(count, len(where), s.searched))
+        at = (count - 1 - back) % max(len(where), 1)
+        places.append(where[at] if where is past.where else where[at][:, s.where.numpy()])
+        gaps.append((back + 1) * STALE)
+        opened.append(possible[at])
+    found = np.argmin(_gaps(s, zeta, np.concatenate(places)) + np.concatenate(gaps), axis=1)
+    return np.concatenate(opened)[found]
 
 
 def _best(s: Encoding, nodes: Nodes) -> list[int]:

@@ -122,11 +122,12 @@ class Replay(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """The latest errors of f: a ring of L decisions per agent."""
+    """The latest decisions with the errors of f in them: a ring of L per agent, kept in evaluation too."""
 
     where: Array  # (n, L, W) where the decision was made
     movement: Array  # int16 (n, L)
     error: Array  # (n, L, D + 1) true change and duration, less what f predicted
+    possible: Array  # bool (n, L, M) the movements that were open
     time: Array  # (n, L) age of the agent at the decision, units of time
     count: Array  # int (n,) decisions so far
 
@@ -137,6 +138,7 @@ class RecalledErrors(NamedTuple):
     where: Array  # the rows of `Trace`
     movement: Array
     error: Array
+    possible: Array
     time: Array
     noted: Array
     now: Array  # age, units of time

@@ -18,7 +18,7 @@ from ecology import agents, scenarios
 from ecology.agents import loop
 
 SCENARIO, LEARNER, TICKS, SEED = "paper", "hjb", 1_500, 7
-PUBLISHED = "69d21fa43b097bca"
+PUBLISHED = "d3ad8bb22260042a"
 
 
 def digest(scenario: str, settings: Mapping[str, Any], learner: str, ticks: int, seed: int = SEED) -> str:

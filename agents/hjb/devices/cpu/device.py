@@ -149,6 +149,7 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
             trace.where[i],
             trace.movement[i],
             trace.error[i],
+            trace.possible[i],
             trace.time[i],
             trace.count[i],
             ages[r],

@@ -68,15 +68,20 @@ def beam_for(s, parts):
 
 
 @within
+def square(s, w, gap):
+    """Return the square of a gap between two zetas in component `w` of those that locate the agent."""
+    if s.turning[w]:
+        gap -= TURN * F(math.floor(gap / TURN + HALF))
+    gap *= s.nearness[w]
+    return gap * gap
+
+
+@within
 def distance(s, zeta, where):
     """Return the squared distance between zeta (D,) and a place `where` (W,), in standard deviations."""
     total = ZERO
     for w in range(len(where)):
-        gap = zeta[s.where[w]] - where[w]
-        if s.turning[w]:
-            gap -= TURN * F(math.floor(gap / TURN + HALF))
-        gap *= s.nearness[w]
-        total += gap * gap
+        total += square(s, w, zeta[s.where[w]] - where[w])
     return total
 
 
@@ -100,22 +105,31 @@ def recall(s, past, zeta, bias, support):
 
 
 @within
-def nearest(s, past, zeta):
-    """Return the position in the ring of the decision nearest to zeta (D,); newer ones count as nearer."""
-    capacity = len(past.zeta)
-    best, found = F(np.inf), 0
+def recall_open(s, past, zeta, here, open_, out):
+    """Fill out (M,) with what was open at the decision nearest to zeta (D,); newer ones count as nearer.
+
+    The newest is the one that is being made, at `here` (D,) with `open_` (M,). The others are those whose errors are
+    remembered, and those of the replay buffer.
+    """
+    best, found, capacity = ZERO, -1, len(past.zeta)
+    for w in range(len(s.where)):
+        best += square(s, w, zeta[s.where[w]] - here[s.where[w]])
+    copy(open_, out)
+    for back in range(min(past.noted, len(past.movement))):
+        at = (past.noted - 1 - back) % len(past.movement)
+        total = F(back + 1) * STALE + distance(s, zeta, past.where[at])
+        if total < best:
+            best = total
+            copy(past.possible[at], out)
     for back in range(min(min(past.count, capacity), s.searched)):
         at = (past.count - 1 - back) % capacity
-        total = F(back) * STALE
+        total = F(back + 1) * STALE
         for w in range(len(s.where)):
-            gap = zeta[s.where[w]] - past.zeta[at, s.where[w]]
-            if s.turning[w]:
-                gap -= TURN * F(math.floor(gap / TURN + HALF))
-            gap *= s.nearness[w]
-            total += gap * gap
+            total += square(s, w, zeta[s.where[w]] - past.zeta[at, s.where[w]])
         if total < best:
             best, found = total, at
-    return found
+    if found >= 0:
+        copy(past.open[found], out)
 
 
 @within
@@ -124,7 +138,7 @@ def look_ahead(s, own, past, zeta, open_, scratch, beam, out):
 
     A beam search over `depth` movements: the discounted drive on the way and J at its end. The best successor of every
     first movement is kept, so all have the same depth. What is open at a predicted state is what was open at the
-    nearest decision remembered.
+    nearest decision, this one included.
     """
     nodes = np.int64(1)  # a literal would be compiled for, and then an integer
     beam.cost[0], beam.keep[0] = ZERO, ONE
@@ -143,7 +157,7 @@ def look_ahead(s, own, past, zeta, open_, scratch, beam, out):
             break
         nodes = keep_best(s, beam, count)
         for r in range(nodes):
-            copy(past.open[nearest(s, past, beam.state[r])], beam.open[r])
+            recall_open(s, past, beam.state[r], zeta, open_, beam.open[r])
 
 
 @inlined

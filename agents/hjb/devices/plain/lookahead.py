@@ -49,12 +49,21 @@ def recall(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
     return total / weight
 
 
-def nearest(s: Any, past: RecalledErrors, zeta: Tensor) -> int:
-    """Return the position in the ring of the decision nearest to zeta (D,); newer ones count as nearer."""
-    count, capacity = int(past.count), len(past.zeta)
-    newest = [(count - 1 - back) % capacity for back in range(min(count, capacity, s.searched))]
-    gaps = [distance(s, zeta, past.zeta[at][s.where.tolist()]) + back * STALE for back, at in enumerate(newest)]
-    return newest[int(np.argmin(gaps))]
+def recall_open(s: Any, past: RecalledErrors, zeta: Tensor, here: Tensor, open_: np.ndarray) -> np.ndarray:
+    """Return what was open (M,) at the decision nearest to zeta (D,); newer ones count as nearer.
+
+    The newest is the one that is being made, at `here` (D,) with `open_` (M,). The others are those whose errors are
+    remembered, and those of the replay buffer.
+    """
+    found = [(distance(s, zeta, here[s.where].numpy()), open_)]
+    for count, places, opened in (
+        (int(past.noted), past.where, past.possible),
+        (int(past.count), past.zeta[:, s.where.numpy()], past.open),
+    ):
+        for back in range(min(count, len(places), s.searched)):
+            at = (count - 1 - back) % len(places)
+            found.append((distance(s, zeta, places[at]) + (back + 1) * STALE, opened[at]))
+    return min(found, key=lambda each: each[0])[1]
 
 
 def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: np.ndarray) -> np.ndarray:
@@ -62,12 +71,12 @@ def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: np.n
 
     A beam search over `depth` movements: the discounted drive on the way and J at its end. The best successor of every
     first movement is kept, so all have the same depth. What is open at a predicted state is what was open at the
-    nearest decision remembered.
+    nearest decision, this one included.
     """
     nodes = [Node(zeta, 0.0, 1.0, -1, open_)]
     for _ in range(s.depth - 1):
         kept = keep_best(s, expand(s, own, past, nodes))
-        nodes = [node._replace(open=past.open[nearest(s, past, node.state)]) for node in kept]
+        nodes = [node._replace(open=recall_open(s, past, node.state, zeta, open_)) for node in kept]
     out = np.full(s.movements, np.inf, np.float32)
     for node in expand(s, own, past, nodes):
         out[node.root] = min(out[node.root], node.score)

@@ -48,15 +48,24 @@ def recall(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
     return total / (PRIOR + weight @ did)[..., None]
 
 
-def nearest(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
-    """Return the position (a, R) in the ring of the decision nearest to zeta (a, R, D); newer ones count as nearer."""
-    capacity = past.zeta.shape[1]
-    back = torch.arange(min(s.searched, capacity), device=s.device)
-    at = (past.count[:, None] - 1 - back) % capacity  # (a, K)
-    places = rows_at(past.zeta, at)[..., s.where]
-    gap = distance(s, zeta, places) + back * STALE
-    gap = gap.masked_fill((back >= past.count[:, None])[:, None], math.inf)
-    return at.gather(1, gap.argmin(-1))
+def recall_open(s: Any, past: RecalledErrors, zeta: Tensor, here: Tensor, open_: Tensor) -> Tensor:
+    """Return what was open (a, R, M) at the decision nearest to zeta (a, R, D); newer ones count as nearer.
+
+    The newest is the one that is being made, at `here` (a, D) with `open_` (a, M). The others are those whose errors
+    are remembered, and those of the replay buffer.
+    """
+    places, gaps, opened = here[:, None, s.where], [torch.zeros(len(here), 1, device=s.device)], [open_[:, None]]
+    for count, where, possible in (
+        (past.noted, past.where, past.possible),
+        (past.count, past.zeta[..., s.where], past.open),
+    ):
+        back = torch.arange(min(s.searched, where.shape[1]), device=s.device)
+        at = (count[:, None] - 1 - back) % max(where.shape[1], 1)  # (a, K)
+        places = torch.cat([places, rows_at(where, at)], 1)
+        gaps.append(((back + 1) * STALE).masked_fill(back >= count[:, None], math.inf))
+        opened.append(rows_at(possible, at))
+    found = (distance(s, zeta, places) + torch.cat(gaps, 1)[:, None]).argmin(-1)
+    return rows_at(torch.cat(opened, 1), found)
 
 
 def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: Tensor) -> Tensor:
@@ -64,7 +73,7 @@ def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: Tens
 
     A beam search over `depth` movements: the discounted drive on the way and J at its end. The best successor of every
     first movement is kept, so all have the same depth. What is open at a predicted state is what was open at the
-    nearest decision remembered.
+    nearest decision, this one included.
     """
     cost = torch.zeros(len(zeta), 1, device=s.device)
     beam = Beam(zeta[:, None], cost, torch.ones_like(cost), torch.zeros_like(cost).long(), open_[:, None])
@@ -78,8 +87,8 @@ def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: Tens
         chosen, exists = keep_best(s, score, out, best)
         state = ahead.state.gather(1, chosen[..., None].expand(-1, -1, zeta.shape[1]))
         cost, keep, root = (array.gather(1, chosen) for array in (ahead.cost, ahead.keep, ahead.root))
-        possible = rows_at(past.open, nearest(s, past, state)) & exists[..., None]
-        beam = Beam(state, cost, keep, root, possible)
+        possible = recall_open(s, past, state, zeta, open_)
+        beam = Beam(state, cost, keep, root, possible & exists[..., None])
     return out
 
 
