@@ -28,7 +28,7 @@ from ecology.agents.base import DivergedError
 from ecology.agents.hjb import ALGORITHM1, HJB
 from ecology.agents.hjb.curiosity import SEARCHES, Curiosity
 from ecology.agents.hjb.devices.cpu.device import Cpu
-from ecology.agents.hjb.devices.cpu.lookahead import recall
+from ecology.agents.hjb.devices.cpu.lookahead import recall, recall_open
 from ecology.agents.hjb.devices.records import RecalledErrors
 from ecology.agents.movements import adaptive, single_ticks
 from ecology.lab.runs.run_config import resolve
@@ -388,6 +388,30 @@ def test_a_remembered_error_corrects_f_near_by() -> None:
     correct(learner.encoding, past, at[0], bias, support)
     assert bias.shape[1] == size
     assert not bias.any()
+
+
+def test_what_is_open_here_and_was_open_lately_counts_more_than_older_memories() -> None:
+    """A frozen agent does not plan to eat where it has just found that it cannot, though it remembers that it could."""
+    _, learner = paper_learner(errors=4)
+    here, there = HERE[0].copy(), HERE[0].copy()
+    there[6] += 0.1
+    now, lately, once = (np.arange(learner.count) == movement for movement in range(3))
+    for place in (here, there):
+        learner.memory.add(np.array([0]), place[None], np.array([1]), place[None], np.ones(1), once[None])
+    learner.evaluating(0.0)
+    learner.execution.start(np.array([0]), 1, there[None], lately[None])
+    learner._note(np.array([0]), there[None])
+    past = RecalledErrors(
+        *(array[0] for array in learner.trace), np.float32(0.0), *(array[0] for array in
+        (learner.replay.zeta, learner.replay.open, learner.replay.count)),
+    )  # fmt: skip
+    recalled = from_python(recall_open)
+    for place, expected in ((here, now), (there, lately)):
+        found = np.zeros(learner.count, bool)
+        recalled(learner.encoding, past, place, here, now, found)
+        assert np.array_equal(found, expected)
+    learner.evaluating(0.0)  # it begins anew, and knows what it knew before the first evaluation
+    assert not learner.trace.count.any()
 
 
 def test_the_learner_does_not_know_how_long_the_run_is() -> None:

@@ -52,7 +52,7 @@ class HJBSettings:
     optimism_young: float = 0.1  # what is added to it at birth, as a share of the drive of total deprivation
     depth: int = 3  # movements that a decision looks ahead
     beam: int = 24  # predicted states kept at each movement of the lookahead
-    errors: int = 64  # latest decisions whose errors of f are remembered and corrected; 0: none
+    errors: int = 64  # latest decisions whose errors of f, and what was open, are remembered in evaluation too; 0: none
     marks: int = 256  # places that an agent can know to have reached or aimed at
     mark_reach: float = 1.25  # length around a place reached that counts as known
     aim_reach: float = 0.5  # length around a place aimed at in vain that counts as known
