@@ -142,6 +142,7 @@ def _figure(done: Mapping[str, Any], figure: Any) -> None:
         ax.plot(time, life["path"], color=answers.OURS, lw=0.8, label="f/J, one line per seed" if i == 0 else None)
     ax.axhline(DEADLY, color=answers.THEIRS, ls="--", label="dies")
     ax.axvline(-LEAD, color="0.6", ls=":")
+    ax.set_ylim(top=DEADLY + 2)  # room for the legend
     answers.finish(ax, "ticks since the load began (light at -20)", "temperature")
 
 
