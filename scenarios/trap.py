@@ -30,7 +30,7 @@ from ecology import (
     consume,
     rest,
 )
-from ecology.scenarios.shared.conditions import empathy, square
+from ecology.scenarios.shared.conditions import LEARNER, empathy, square
 
 STEP, REACH, HAND = 0.15, 0.3, 0.4  # lengths: of a move, to the food, to the other
 WAYS = {"left": (-1, 0), "right": (1, 0), "up": (0, 1), "down": (0, -1)}
@@ -39,10 +39,6 @@ ACCIDENT, TRAPPED = 0.0005, 0.3  # probability per agent and tick; x after it, a
 SPREAD, NEAR = 0.2, 0.1  # half widths of the energies and of the places at the start
 CAP = 5000  # ticks of a life at most, in the original
 REWARD = 100.0  # the original's reward per fall of the drive
-LEARNER = {  # of f/J: one decision a tick, and places as far apart as two steps
-    "adaptive_steps": False, "gamma": 0.97, "batch_f": 64, "updates": 2, "epsilon": 0.5, "epsilon_final": 0.1,
-    "youth": 4000.0, "place_cells": 32, "place_spacing": 0.3, "place_width": 0.25,
-}  # fmt: skip
 
 
 def rule(world: World, rng: np.random.Generator) -> Outcome:
@@ -120,7 +116,14 @@ def build(
         solid=False,
         drive_epsilon=1e-12,
         drive_exponent=2.0,
-        learner_settings=LEARNER,
+        learner_settings={
+            **LEARNER,
+            "gamma": 0.97,
+            "youth": 4000.0,
+            "place_cells": 32,
+            "place_spacing": 0.3,
+            "place_width": 0.25,
+        },
     )
     field = Arena(vertices=((-1.3, -1.3), (1.3, -1.3), (1.3, 1.3), (-1.3, 1.3)))  # food lies within [-1, 1]^2
     food = Resource(name="food", position=(0.0, 0.0), radius=REACH, stock=1.0, motion=Relocation())
