@@ -245,6 +245,8 @@ def test_shares_of_the_drive_add_up():
     assert shares[0].sum() == pytest.approx((species.drive_epsilon + 0.31) ** 0.5)
     assert shares[0] / shares[0].sum() == pytest.approx(np.array([0.01, 0.09, 0.04, 0.0, 0.01, 0.16]) / 0.31)
     assert (drive_shares(species, np.zeros((1, len(target)))) == 0).all()
+    with np.errstate(all="raise"):  # a body that is dead is no reason to warn
+        assert np.isnan(drive_shares(dataclasses.replace(species, drive_exponent=2.0), x)[1]).all()
 
 
 def test_a_decision_is_recorded(tmp_path):

@@ -40,14 +40,13 @@ def drive_shares(species: Species, delta: np.ndarray) -> np.ndarray:
     """Return the share of each need in the own drive at x - x* (n, V), (n, V) in drive units; their sum is the drive.
 
     The share of a need is d |c_i delta_i|^n / sum_j |c_j delta_j|^n: which need the drive is about. Without any
-    deviation it is 0.
+    deviation it is 0, and NaN where delta is, where nobody lives.
     """
-    regulated = np.array([need.regulated for need in species.needs])
-    delta = np.where(regulated, delta, 0.0)
+    regulated, lives = np.array([need.regulated for need in species.needs]), np.isfinite(delta).all(1, keepdims=True)
+    delta = np.where(regulated & lives, delta, 0.0)
     below, above = physiology.drive_factors(species)
     square = np.abs(delta * np.where(delta > 0, above, below)) ** species.drive_power
     total = square.sum(axis=1, keepdims=True)
     drive = physiology.drive_of(species, delta)[:, None]
-    return np.divide(
-        drive * square, total, out=np.where(np.isfinite(total), np.zeros_like(square), np.nan), where=total > 0
-    )
+    shares = np.divide(drive * square, total, out=np.zeros_like(square), where=total > 0)
+    return np.where(lives, shares, np.nan)
