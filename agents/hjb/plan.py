@@ -130,7 +130,8 @@ def _gaps(s: Encoding, zeta: Tensor, where: np.ndarray) -> np.ndarray:
 
 def _recall_open(s: Encoding, past: RecalledErrors, zeta: Tensor, here: Tensor, open_: np.ndarray) -> np.ndarray:
     """Return what is expected to be open (n, M) at zeta (n, D): see the plain `recall_open`."""
-    places, gaps, opened = [here.numpy()[None, s.where.numpy()]], [np.zeros(1)], [open_[None]]
+    places, opened = [here.numpy()[None, s.where.numpy()]], [open_[None]]
+    gaps: list[np.ndarray] = [np.zeros(1)]
     for count, where, possible in (
         (int(past.noted), past.where, past.possible),
         (int(past.count), past.zeta, past.open),
