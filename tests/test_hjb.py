@@ -410,7 +410,7 @@ def test_what_is_open_here_and_was_open_lately_counts_more_than_older_memories()
         found = np.zeros(learner.count, bool)
         recalled(learner.encoding, past, place, here, now, found)
         assert np.array_equal(found, expected)
-    learner.evaluating(0.0)  # it begins anew, and knows what it knew before the first evaluation
+    learner.evaluating(0.0)  # a second evaluation starts from what was known before the first one
     assert not learner.trace.count.any()
 
 

@@ -132,13 +132,13 @@ def _recall_open(s: Encoding, past: RecalledErrors, zeta: Tensor, here: Tensor, 
     """Return what is expected to be open (n, M) at zeta (n, D): see the plain `recall_open`."""
     places, opened = [here.numpy()[None, s.where.numpy()]], [open_[None]]
     gaps: list[np.ndarray] = [np.zeros(1)]
-    for count, where, possible in (
-        (int(past.noted), past.where, past.possible),
-        (int(past.count), past.zeta, past.open),
+    for count, where, columns, possible in (
+        (int(past.noted), past.where, slice(None), past.possible),
+        (int(past.count), past.zeta, s.where.numpy(), past.open),
     ):
         back = np.arange(min(count, len(where), s.searched))
         at = (count - 1 - back) % max(len(where), 1)
-        places.append(where[at] if where is past.where else where[at][:, s.where.numpy()])
+        places.append(where[at][:, columns])
         gaps.append((back + 1) * STALE)
         opened.append(possible[at])
     found = np.argmin(_gaps(s, zeta, np.concatenate(places)) + np.concatenate(gaps), axis=1)

@@ -17,7 +17,7 @@ from ecology.observers.base import Observer
 from ecology.observers.plotting import Axes, Style, draw_means, style
 from ecology.state import Floats, Ints
 
-SEEDS = 8  # of learners
+SEEDS = 8  # of every part that draws
 LEARNED, PUBLISHED, SCRIPTED = style(0), style(1), Style("0.45", "s", ":")  # looks of series
 OURS, THEIRS, CLOSED = LEARNED.colour, PUBLISHED.colour, "#222222"
 INTERVAL = "bars: 95 % t interval of the mean over seeds, small dots: seeds"
@@ -126,10 +126,10 @@ def column(done: Mapping[str, Any], prefix: str) -> list[Any]:
     return [value for key, value in done.items() if key.startswith(prefix)]
 
 
-def complete_parts(done: Mapping[str, Any], kind: str, values: Sequence[float], seeds: int) -> list[dict[float, Any]]:
+def complete_parts(done: Mapping[str, Any], kind: str, values: Sequence[float]) -> list[dict[float, Any]]:
     """Return the values of the parts `KIND-VALUE-SEED`, by VALUE, of every seed whose parts are all done."""
     found = []
-    for seed in range(seeds):
+    for seed in range(SEEDS):
         keys = {value: f"{kind}-{value:g}-{seed}" for value in values}
         if all(key in done for key in keys.values()):
             found.append({value: done[key] for value, key in keys.items()})

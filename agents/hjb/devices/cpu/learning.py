@@ -37,6 +37,13 @@ def positions(count, capacity, uniform, late, recent, at):
         at[r] = (count - 1 - back) % capacity
 
 
+@within
+def lack(s, v, share):
+    """Return a deviation of need v that is a `share` of the way from deprived to a little beyond sated."""
+    bottom = max(s.deprived * s.scale[v], s.low[v])
+    return bottom + share * (s.sated * s.scale[v] - bottom)
+
+
 @inlined
 def imagine(s, zeta, uniform, normal, m):
     """Redraw the needs of the first m states of zeta (b, D), place and rest kept; fatigues are scaled down.
@@ -56,8 +63,7 @@ def imagine(s, zeta, uniform, normal, m):
             can = False
             for e in s.deprivable:
                 can |= e == v
-            bottom = max(s.deprived * s.scale[v], s.low[v])
-            drawn = bottom + uniform[r * parts + v] * (s.sated * s.scale[v] - bottom)
+            drawn = lack(s, v, uniform[r * parts + v])
             if not can:
                 drawn = zeta[r, v] * calm
             elif r < m // 2 and v != one:
@@ -72,8 +78,7 @@ def redraw(s, zeta, uniform, m):
     for r in range(m):
         for k in range(count):
             v = s.deprivable[k]
-            bottom = max(s.deprived * s.scale[v], s.low[v])
-            zeta[r, v] = min(bottom + uniform[r * count + k] * (s.sated * s.scale[v] - bottom), s.high[v])
+            zeta[r, v] = min(lack(s, v, uniform[r * count + k]), s.high[v])
 
 
 @within

@@ -103,8 +103,7 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
         copy(replay.after[i, at], batch.after_f[r])
         batch.time_f[r], batch.movement_f[r] = replay.duration[i, at], replay.movement[i, at]
     m = sampling.imagined_f
-    if m:
-        redraw(s, batch.zeta_f, uniform[len(uniform) - m * len(s.deprivable) :], m)
+    redraw(s, batch.zeta_f, uniform[len(uniform) - m * len(s.deprivable) :], m)
     loss = learn_f(s, own, (batch.zeta_f, batch.movement_f, batch.after_f, batch.time_f), m, scratch, batch.g_f)
     batch.trained[:] = not s.lazy
     for r in range(bf):

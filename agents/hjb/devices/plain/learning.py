@@ -27,6 +27,12 @@ def positions(count: int, capacity: int, uniform: np.ndarray, late: int, recent:
     return np.array(found)
 
 
+def lack(s: Any, v: int, share: float) -> Any:
+    """Return a deviation of need v that is a `share` of the way from deprived to a little beyond sated."""
+    bottom = max(s.deprived * s.scale[v], s.low[v])
+    return bottom + share * (s.sated * s.scale[v] - bottom)
+
+
 def imagine(s: Any, zeta: Tensor, uniform: np.ndarray, normal: np.ndarray, m: int) -> Tensor:
     """Return zeta (b, D) with the needs of its first m states redrawn, place and rest kept; fatigues scaled down.
 
@@ -40,8 +46,7 @@ def imagine(s: Any, zeta: Tensor, uniform: np.ndarray, normal: np.ndarray, m: in
     for r in range(m):
         one = can[min(int(which[r] * np.float32(len(can))), len(can) - 1)] if r < m // 2 and can else -1
         for v in torch.nonzero(s.need)[:, 0].tolist():
-            bottom = max(s.deprived * s.scale[v], s.low[v])
-            drawn = bottom + float(fresh[r, v]) * (s.sated * s.scale[v] - bottom)
+            drawn = lack(s, v, float(fresh[r, v]))
             if v not in can:
                 drawn = zeta[r, v] * float(calm[r])
             elif r < m // 2 and v != one:
@@ -55,12 +60,11 @@ def redraw(s: Any, zeta: Tensor, uniform: np.ndarray, m: int) -> Tensor:
     zeta, can = zeta.clone(), s.deprivable.tolist()
     for r, drawn in enumerate(uniform.reshape(m, len(can))):
         for v, share in zip(can, drawn.tolist(), strict=True):
-            bottom = max(s.deprived * s.scale[v], s.low[v])
-            zeta[r, v] = min(bottom + share * (s.sated * s.scale[v] - bottom), s.high[v])
+            zeta[r, v] = min(lack(s, v, share), s.high[v])
     return zeta
 
 
-def learn_f(s: Any, own: Any, sample: Sample, m: int = 0) -> Tensor:
+def learn_f(s: Any, own: Any, sample: Sample, m: int) -> Tensor:
     """Return L_f: the squared error of the executed movement's predicted change.
 
     `sample` are zeta (b, D), the movement (b,), zeta after it and its duration (b,). The first m rows, whose needs are

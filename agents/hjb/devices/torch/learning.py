@@ -23,6 +23,12 @@ def positions(count: Tensor, capacity: int, uniform: Tensor, late: int, recent: 
     return (count[:, None] - 1 - back) % capacity
 
 
+def lack(s: Any, which: Tensor | slice, share: Tensor) -> Tensor:
+    """Return deviations (a, m, K) of the needs `which`, a `share` of the way from deprived to a little beyond sated."""
+    bottom = (s.deprived * s.scale[which]).maximum(s.low[which])
+    return bottom + share * (s.sated * s.scale[which] - bottom)
+
+
 def imagine(s: Any, zeta: Tensor, uniform: Tensor, normal: Tensor, m: int) -> Tensor:
     """Return zeta (a, b, D) with the needs of its first m states redrawn, place and rest kept; fatigues scaled down.
 
@@ -34,8 +40,7 @@ def imagine(s: Any, zeta: Tensor, uniform: Tensor, normal: Tensor, m: int) -> Te
     parts, half = zeta.shape[-1], m // 2
     fresh = uniform[:, : m * parts].unflatten(1, (m, parts))
     calm = uniform[:, m * parts : m * parts + m, None]
-    bottom = (s.deprived * s.scale).maximum(s.low)
-    drawn = bottom + fresh * (s.sated * s.scale - bottom)
+    drawn = lack(s, slice(None), fresh)
     if half and len(s.deprivable):
         which = (uniform[:, m * parts + m : m * parts + m + half] * len(s.deprivable)).long()
         one = s.deprivable[which.clamp(max=len(s.deprivable) - 1)]  # (a, half)
@@ -50,13 +55,11 @@ def redraw(s: Any, zeta: Tensor, uniform: Tensor, m: int) -> Tensor:
     if not (m and len(s.deprivable)):
         return zeta
     zeta, can = zeta.clone(), s.deprivable
-    bottom = (s.deprived * s.scale).maximum(s.low)[can]
-    drawn = bottom + uniform.unflatten(1, (m, len(can))) * (s.sated * s.scale[can] - bottom)
-    zeta[:, :m, can] = torch.minimum(drawn, s.high[can])
+    zeta[:, :m, can] = torch.minimum(lack(s, can, uniform.unflatten(1, (m, len(can)))), s.high[can])
     return zeta
 
 
-def learn_f(s: Any, own: Any, sample: Sample, m: int = 0) -> Tensor:
+def learn_f(s: Any, own: Any, sample: Sample, m: int) -> Tensor:
     """Return L_f (a,): the squared error of the executed movement's predicted change.
 
     `sample` are zeta (a, b, D), the movement (a, b), zeta after it and its duration (a, b). The first m rows, whose

@@ -192,7 +192,7 @@ def _rows_of_learners(done: Mapping[str, Any], level: Mapping[float, float]) -> 
             prey, here = [life["prey"] for life in lives], _share(lives)
             what = f"f/J: prey at rest, K {k:g}: N* / p, p {here:.2f} there"
             found.append(Row(what, prey, closed=N_REST / here, tolerance=0.12 * N_REST))
-    seeds = answers.complete_parts(done, "learned", AMONG, answers.SEEDS)
+    seeds = answers.complete_parts(done, "learned", AMONG)
     if seeds and len(level) == len(CAPACITIES):
         scripted = crossing(level)
         ours = [crossing({k: life["cv"] for k, life in lives.items()}) / scripted for lives in seeds]

@@ -78,7 +78,7 @@ def response(density: Any) -> Any:
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
     found = []
-    if ours := [fit(rates) for rates in answers.complete_parts(done, "scripted", DENSITIES, answers.SEEDS)]:
+    if ours := [fit(rates) for rates in answers.complete_parts(done, "scripted", DENSITIES)]:
         a, h = zip(*ours, strict=True)
         found.append(Row("handling time h", h, closed=HANDLING, tolerance=0.05 * HANDLING))
         what = "rate of search a, still prey, straight paths: 2 R v"

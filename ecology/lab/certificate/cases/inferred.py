@@ -116,11 +116,17 @@ def _parts() -> list[Part]:
 def _rows(done: Mapping[str, Any]) -> list[Row]:
     found = []
     if "scripted-told" in done:
-        found.append(Row("ticks lived, scripted, told the truth", done["scripted-told"], closed=float(CAP)))
+        found.append(
+            Row("ticks lived, scripted, perceives the partner's energy", done["scripted-told"], closed=float(CAP))
+        )
     if "scripted-signs" in done:
         what = f"ticks lived, scripted, acts by the sign alone (wrong in {NOISE:.0%})"
         found.append(Row(what, done["scripted-signs"], theirs=PUBLISHED))
-    for kind, what in (("none", "no empathy"), ("signs", "empathy by signs, inferred"), ("told", "empathy, told")):
+    for kind, what in (
+        ("none", "no empathy"),
+        ("signs", "empathy, the partner's drive inferred from signs"),
+        ("told", "empathy, the partner's drive perceived"),
+    ):
         lives = answers.column(done, f"{kind}-seed-")
         if not lives:
             continue

@@ -124,7 +124,7 @@ def _rows(done: Mapping[str, Any]) -> list[Row]:
             continue
         ours = [
             threshold({r: float(np.mean(life["share"][-10:])) for r, life in lives.items()})
-            for lives in answers.complete_parts(done, f"fixed-{cost:g}", RELATED, answers.SEEDS)
+            for lives in answers.complete_parts(done, f"fixed-{cost:g}", RELATED)
         ]
         if ours:
             found.append(Row(f"relatedness from which giving spreads, c/b {cost:g}", ours, closed=cost, tolerance=0.12))
@@ -151,7 +151,7 @@ def _rows_of_learners(done: Mapping[str, Any]) -> list[Row]:
     """Return from which relatedness on learners give, and their weights are above the cost."""
     found = []
     for cost in LEARNED:
-        families = answers.complete_parts(done, f"learned-{cost:g}", RELATED, answers.SEEDS)
+        families = answers.complete_parts(done, f"learned-{cost:g}", RELATED)
         for what, name in (("given", "half of all acts are gifts"), ("share", "half of the weights are above c/b")):
             if families:
                 ours = [threshold({r: _late(life, what) for r, life in lives.items()}) for lives in families]

@@ -116,7 +116,7 @@ def _parts() -> list[Part]:
 
 def slopes(done: Mapping[str, Any], kind: str) -> list[float]:
     """Return the slope of every seed whose lives at all ratios are done."""
-    return [slope(lives) for lives in answers.complete_parts(done, kind, RATIOS, answers.SEEDS)]
+    return [slope(lives) for lives in answers.complete_parts(done, kind, RATIOS)]
 
 
 def _rows(done: Mapping[str, Any]) -> list[Row]:
