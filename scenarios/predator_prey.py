@@ -43,32 +43,33 @@ DISTURBED = 3.0  # distance within which predators disturb each other, length
 HEALING = 0.002  # share of a wound that heals per unit of time
 LEARNER = {  # of a short life: small networks, small batches, short movements
     "width": 32, "batch": 16, "batch_f": 32, "memory": 500, "recent": 100, "update_every": 6.0, "updates": 1,
-    "place_cells": 0, "stride": 4.0, "pause": 5.0, "gamma": 0.99, "epsilon": 0.6, "epsilon_final": 0.05, "youth": 400.0,
-    "depth": 1, "errors": 0, "recent_share": 0.4, "relative_weight": 2,
+    "place_cells": 0, "stride": 4.0, "pause": 5.0, "gamma": 0.99, "epsilon": 0.2, "epsilon_final": 0.05, "youth": 200.0,
+    "learning_rate": 1e-3, "polyak": 0.005, "depth": 1, "errors": 0, "recent_share": 0.4, "relative_weight": 2,
+    "option_cost": True,
 }  # fmt: skip
 
 
 def build(
-    prey: int = 40,
-    predators: int = 10,
-    patches: int = 16,
+    prey: int = 110,
+    predators: int = 30,
+    patches: int = 45,
     regrowth: float = 0.01,
-    side: float = 13.0,
+    side: float = 22.0,
     prey_decay: float = 0.0025,
     prey_birth: float = 0.008,
     prey_mortality: float = 0.0002,
-    predator_decay: float = 0.0015,
-    predator_birth: float = 0.002,
-    predator_mortality: float = 0.0006,
+    predator_decay: float = 0.001,
+    predator_birth: float = 0.003,
+    predator_mortality: float = 0.0005,
     reach: float = 0.5,
     chance: float = 0.08,
     handling: float = 30.0,
     gain: float = 0.4,
     wound: float = 0.5,
-    disturbance: float = 0.002,
+    disturbance: float = 0.0012,
     arrival: float = 0.0,
     inherit: bool = True,
-    mutation: float = 0.02,
+    mutation: float = 0.01,
     ticks: int = 20_000,
 ) -> Scenario:
     """Return the meadow, a walled square.

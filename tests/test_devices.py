@@ -65,6 +65,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "a narrow beam": {**SMALL, "beam": 1},
     "J itself": {**SMALL, "learn_value": False},
     "a target that does not explore": {**SMALL, "target_explores": False},
+    "the drive on the way": {**SMALL, "option_cost": True},
+    "the drive on the way, one movement ahead": {**SMALL, "option_cost": True, "depth": 1, "errors": 0},
 }
 UPDATES = 6
 
@@ -121,7 +123,7 @@ def learned(settings: dict[str, Any], n: int = 3, device: str = "cpu") -> HJB:
             *(edge[where] for edge in (group.layout.low, group.layout.high)), (n, size, len(where))
         ).astype(np.float32)
         arrays["trace.movement"] = rng.integers(0, learner.count, (n, size)).astype(np.int16)
-        arrays["trace.error"] = rng.normal(scale=0.3, size=(n, size, learner.components + 1)).astype(np.float32)
+        arrays["trace.error"] = rng.normal(scale=0.3, size=(n, size, learner.encoding.outputs)).astype(np.float32)
         arrays["trace.possible"] = rng.random((n, size, learner.count)) < 0.6
         arrays["trace.time"] = rng.uniform(0, 900, (n, size)).astype(np.float32)
     if learner.cells:
@@ -135,7 +137,9 @@ def learned(settings: dict[str, Any], n: int = 3, device: str = "cpu") -> HJB:
             movement = rng.integers(-1, learner.count, 1)
             open_ = rng.random((1, learner.count)) < 0.5
             open_[0, max(movement[0], 0)] = True
-            learner.memory.add(np.array([slot]), zeta, movement, after, rng.uniform(1, 20, 1), open_)
+            lasts = rng.uniform(1, 20, 1)
+            excess = rng.normal(scale=0.3, size=1) if learner.encoding.costed else 0.0
+            learner.memory.add(np.array([slot]), zeta, movement, after, lasts, open_, excess)
     learner._set_optimism()
     return learner
 

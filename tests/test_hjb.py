@@ -250,6 +250,47 @@ def test_states_on_the_way_are_of_the_tick_that_they_say() -> None:
     assert learner.memory.duration[0, 1] == pytest.approx((300 - on_the_way) * group.dt)
 
 
+def test_the_drive_on_the_way_is_that_of_the_ticks_passed() -> None:
+    """Of a movement and of a state on its way, the excess is (1 - gamma^tau) (mean drive to the end - drive there)."""
+    env, learner = paper_learner(pause=60.0, epsilon=1.0, epsilon_final=1.0, notice=False, option_cost=True)
+    group = env.groups["agent"]
+    learner.execution.movement[0], learner.execution.left[0] = learner.moves.names.index("rest"), 60
+    learner.execution.felt[0] = 0.0
+    mask = np.zeros((1, len(group.actions)), bool)
+    mask[0, [group.actions.index("rest"), group.actions.index("walk")]] = True
+    states = np.zeros((61, 1, learner.components), np.float32)
+    states[:, 0, 0] = np.random.default_rng(0).uniform(-2, 0, 61)
+    drives = learner.drive(states[:, 0])
+    learner.execution.began[0] = states[0, 0]
+    learner.execution.elapsed[0] = 0
+    for zeta in states[1:]:
+        learner.execution.elapsed[0] += 1
+        learner.execution.left[0] -= 1
+        learner.execution.proceed(mask, zeta, learner.drive(zeta), np.zeros(1, np.int64), keep=True)
+        learner.execution.elapsed[0] -= not learner.execution.free[0]
+        learner.execution.left[0] += not learner.execution.free[0]
+    learner._remember(np.array([0]), states[-1])
+    gamma = learner.settings.gamma
+    for row in range(2):
+        tau = float(learner.memory.duration[0, row])
+        start = 60 - round(tau / group.dt)
+        expected = (1 - gamma**tau) * (drives[start + 1 :].mean() - drives[start])
+        assert learner.memory.excess[0, row] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_score_takes_the_drive_on_the_way_as_f_predicts_it() -> None:
+    """(1 - gamma^tau) d + excess + gamma^tau Jn(zeta'), with each of them as f predicts it."""
+    env, learner = paper_learner(option_cost=True, depth=1, errors=0, reluctance=0.0)
+    loop.run(env, {"agent": learner}, env.reset_arrays(0), 400)
+    found = learner.predict(0, HERE)
+    raw = learner.device.forecast(learner.weights, 0, HERE).reshape(learner.count, -1) * learner.encoding.unit
+    after = np.clip(HERE + found["change"][0], learner.encoding.low, learner.encoding.high).astype(np.float32)
+    keep = learner.settings.gamma ** found["duration"][0]
+    expected = (1 - keep) * drive(HERE) + raw[:, -1] + keep * learner.deviation(0, after)
+    assert np.abs(raw[:, -1]).max() > 1e-3
+    assert all_scores(learner, HERE) == pytest.approx(expected, abs=1e-5)
+
+
 def test_explored_walks_go_on() -> None:
     """Walks explored without optimism are longer than a stride, by a zeta law; other movements happen once."""
 

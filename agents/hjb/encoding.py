@@ -39,11 +39,15 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
         worst = float(np.sum(lacking)) ** (exponent / power)
     unit = np.where(needs | (kinds == "felt"), CHANGE * layout.scale, LENGTH * layout.scale)
     unit = np.append(np.where(angles, 1.0, unit), s.stride if s.adaptive_steps else group.dt)
+    costed = s.option_cost and s.finite_difference
+    if costed:
+        unit = np.append(unit, CHANGE * worst)
     placed, centre = kinds == "position", np.zeros(len(kinds))
     centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
     f4 = np.float32
     where = np.flatnonzero(~needs & (kinds != "felt"))
-    spatial = np.append((placed | angles) & placed.any(), False)
+    spatial = np.zeros(len(unit), bool)
+    spatial[: len(kinds)] = (placed | angles) & placed.any()
     return Encoding(
         centre=centre.astype(f4),
         inverse=(1 / layout.scale).astype(f4),
@@ -78,6 +82,8 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
         sated=f4(SATED),
         width=s.width,
         movements=len(moves.names),
+        outputs=len(unit),
+        costed=costed,
         finite=s.finite_difference,
         minimum=s.minimum_in_loss,
         anchored=s.learn_value,

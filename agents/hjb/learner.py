@@ -110,7 +110,8 @@ class HJB(Learner):
         self.revision = Revision(
             self.memory, meals, self.encoding.place, self.settings.doubt_reach, self.settings.doubt
         )
-        self.execution = Execution(self.moves, n, self.components)
+        self.execution = Execution(self.moves, n, self.components, costed=self.encoding.costed)
+        self.no_drive = np.zeros(n)
         self.more = np.zeros(n, np.int64)  # strides for which an exploratory walk continues
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.clock = np.zeros(n, np.int64)  # ticks acted
@@ -127,7 +128,7 @@ class HJB(Learner):
         """Make what the device holds and computes with: networks, memories, place cells and marks."""
         s, at, w = self.settings, self.device, self.settings.width
         inputs = len(self.encoding.plain) + 2 * len(self.encoding.angle) + self.cells
-        self.f = Perceptrons(n, (inputs, w, w, self.count * (self.components + 1)), self.generator, at, self.count)
+        self.f = Perceptrons(n, (inputs, w, w, self.count * self.encoding.outputs), self.generator, at, self.count)
         self.J = Perceptrons(n, (inputs, w, w, 1), self.generator, at)
         # a slow copy of J, or J's own weights where it is switched off
         self.target = self.J.weights + 0 if s.target_network else self.J.weights
@@ -144,11 +145,11 @@ class HJB(Learner):
             *(at.zeros((n,), np.float32) for _ in range(3)),
         )  # fmt: skip
         self._set_constants()
-        self.replay = Replay(m.zeta, m.after, m.duration, m.movement, m.open, m.count)
+        self.replay = Replay(m.zeta, m.after, m.duration, m.movement, m.open, m.excess, m.count)
         self.trace = Trace(
             np.zeros((n, s.errors, len(self.encoding.where)), np.float32),
             np.zeros((n, s.errors), np.int16),
-            np.zeros((n, s.errors, self.components + 1), np.float32),
+            np.zeros((n, s.errors, self.encoding.outputs), np.float32),
             np.zeros((n, s.errors, self.count), bool),
             np.zeros((n, s.errors), np.float32),
             np.zeros(n, np.int64),
@@ -280,7 +281,8 @@ class HJB(Learner):
         actions = np.empty(self.size, np.int64)
         if self.learning and self.settings.notice:
             self._notice(masks)
-        if way.proceed(masks, observations, actions, keep=self.learning and self.settings.intra_option):
+        met = self.drive(observations) if self.encoding.costed else self.no_drive
+        if way.proceed(masks, observations, met, actions, keep=self.learning and self.settings.intra_option):
             free = np.flatnonzero(way.free)
             ended = free[way.movement[free] >= 0]
             if ended.size:
@@ -391,7 +393,7 @@ class HJB(Learner):
         share = self.settings.reluctance * np.sqrt(self.rate() / self.number("learning_rate"))
         relief = np.zeros((len(slots), self.count), np.float32)
         for rest in np.flatnonzero(self.idle):
-            change = self.device.expect(self.weights, slots, zeta, np.full(len(slots), rest))[:, :-1]
+            change = self.device.expect(self.weights, slots, zeta, np.full(len(slots), rest))[:, : self.components]
             relieved = self.encoding.need & (np.abs(zeta + change) < np.abs(zeta))
             relief[:, rest] = self.drive(zeta) - self.drive(np.where(relieved, zeta + change, zeta))
         return share[slots, None].astype(np.float32), relief.clip(min=0)
@@ -430,8 +432,11 @@ class HJB(Learner):
         trace, senses = self.trace, self.encoding
         began, movement = self.execution.began[slots], self.execution.movement[slots]
         expected = self.device.expect(self.weights, slots, began, movement)
-        met = np.column_stack([observations[slots] - began, self.execution.elapsed[slots] * self.group.dt])
-        error = (met - expected).astype(np.float32)
+        took = self.execution.elapsed[slots] * self.group.dt
+        met = [observations[slots] - began, took]
+        if self.encoding.costed:
+            met.append(self._excess(slots, began, self.execution.felt[slots], took))
+        error = (np.column_stack(met) - expected).astype(np.float32)
         error[:, senses.angle] = np.remainder(error[:, senses.angle] + np.pi, 2 * np.pi) - np.pi
         if self.learning and self.curious:
             place = senses.place
@@ -455,19 +460,34 @@ class HJB(Learner):
         """
         way, after = self.execution, observations[slots]
         took = way.elapsed[slots] * self.group.dt
-        self.memory.add(slots, way.began[slots], way.movement[slots], after, took, way.was_open[slots])
+        began, felt = way.began[slots], way.felt[slots]
+        excess = self._excess(slots, began, felt, took)
+        self.memory.add(slots, began, way.movement[slots], after, took, way.was_open[slots], excess)
         if not self.settings.intra_option:
             return
         passed, some, same = way.draw_passed(slots, self.rng.random(self.size)[slots])
         slots, passed = slots[some], passed[some]
+        began, left = way.trail[slots, passed], took[some] - passed * self.group.dt
         self.memory.add(
             slots,
-            way.trail[slots, passed],
+            began,
             same[some],
             after[some],
-            took[some] - passed * self.group.dt,
+            left,
             way.trail_open[slots, passed],
+            self._excess(slots, began, felt[some] - way.trail_felt[slots, passed], left),
         )
+
+    def _excess(self, slots: np.ndarray, began: np.ndarray, felt: np.ndarray, took: np.ndarray) -> Any:
+        """Return the discounted drive (k,) that `slots` (k,) met in the time `took`, less that of `began` (k, D).
+
+        `felt` (k,) is the sum of the drive over the ticks.
+        """
+        if not self.encoding.costed:
+            return 0.0
+        gamma = np.broadcast_to(self.number("gamma"), self.size)[slots]
+        mean = felt / np.maximum(took / self.group.dt, 1)
+        return (1 - elementary.exp(elementary.log(gamma) * took)) * (mean - self.drive(began))
 
     def learn(self, transition: Transition) -> None:
         """Take in one tick; at fixed intervals take a gradient step on L_f and L_J for all agents."""
@@ -540,7 +560,8 @@ class HJB(Learner):
         for name, network in (("f", self.f), ("J", self.J)):
             found[name] = network.weights
             found |= {f"adam_{name}.{part}": getattr(network, part) for part in ("first", "second", "steps")}
-        for name in ("zeta", "after", "duration", "movement", "open"):
+        excess = ("excess",) if self.encoding.costed else ()
+        for name in ("zeta", "after", "duration", "movement", "open", *excess):
             found[f"memory.{name}"] = getattr(self.memory, name)
         return found
 
@@ -629,9 +650,9 @@ class HJB(Learner):
         """Return f at states (m, D): movement names, change (m, M, D), duration (m, M)."""
         zeta = np.ascontiguousarray(zeta, np.float32)
         raw = self.device.forecast(self.weights, slot, zeta)
-        raw = raw.reshape(len(zeta), self.count, self.components + 1) * self.encoding.unit
-        duration = raw[..., -1].clip(self.group.dt, LONGEST)
-        return {"names": self.moves.names, "change": raw[..., :-1], "duration": duration}
+        raw = raw.reshape(len(zeta), self.count, self.encoding.outputs) * self.encoding.unit
+        duration = raw[..., self.components].clip(self.group.dt, LONGEST)
+        return {"names": self.moves.names, "change": raw[..., : self.components], "duration": duration}
 
     def follow(self, slots: Collection[int]) -> None:
         """Keep what the agents in `slots` weigh when they decide."""

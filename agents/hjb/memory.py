@@ -8,7 +8,8 @@ from ecology.agents.hjb.devices import Device
 
 
 class Memory:
-    """The last `capacity` decisions of n agents: state, movement, state after, duration, what was open."""
+    """The last `capacity` decisions of n agents: state, movement, state after, duration, what was open,
+    and the drive met on the way."""
 
     def __init__(self, n: int, capacity: int, components: int, movements: int, device: Device) -> None:
         self.capacity, self.device = capacity, device
@@ -17,6 +18,7 @@ class Memory:
         self.duration = device.zeros((n, capacity), np.float32)  # units of time
         self.movement = device.zeros((n, capacity), np.int16)  # -1: what it would have led to is unknown
         self.open = device.zeros((n, capacity, movements), np.bool_)
+        self.excess = device.zeros((n, capacity), np.float32)  # drive units, see `records.Replay`
         self.count = np.zeros(n, np.int64)  # decisions so far
 
     def add(
@@ -27,6 +29,7 @@ class Memory:
         after: np.ndarray,
         duration: np.ndarray,
         open_: np.ndarray,
+        excess: np.ndarray | float = 0.0,
     ) -> None:
         """Store one decision for each of `slots` (k,)."""
         rows, at = self.device.on(slots), self.device.on(self.count[slots] % self.capacity)
@@ -35,4 +38,5 @@ class Memory:
         self.duration[rows, at] = self.device.on(duration)
         self.movement[rows, at] = self.device.on(movement.astype(np.int16))
         self.open[rows, at] = self.device.on(open_)
+        self.excess[rows, at] = self.device.on(np.broadcast_to(np.float32(excess), len(slots)))
         self.count[slots] += 1

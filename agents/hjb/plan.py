@@ -92,10 +92,12 @@ def _expand(s: Encoding, own: Agent, past: RecalledErrors, nodes: Nodes) -> Node
     row, movement = np.nonzero(nodes.open)
     step = predicted[torch.from_numpy(row), torch.from_numpy(movement)]
     before = nodes.state[torch.from_numpy(row)]
-    after = torch.minimum(torch.maximum(before + step[:, :-1], s.low), s.high)
-    fade = np.exp(float(s.log_gamma) * step[:, -1].clamp(float(s.dt), LONGEST).numpy().astype(float))
-    drives = 0.5 * (drive(s, before) + drive(s, after)).numpy()
-    cost, keep = nodes.cost[row] + nodes.keep[row] * (1 - fade) * drives, nodes.keep[row] * fade
+    parts = len(s.low)
+    after = torch.minimum(torch.maximum(before + step[:, :parts], s.low), s.high)
+    fade = np.exp(float(s.log_gamma) * step[:, parts].clamp(float(s.dt), LONGEST).numpy().astype(float))
+    here, there = drive(s, before).numpy(), drive(s, after).numpy()
+    way = (1 - fade) * here + step[:, -1].numpy() if s.costed else (1 - fade) * 0.5 * (here + there)
+    cost, keep = nodes.cost[row] + nodes.keep[row] * way, nodes.keep[row] * fade
     value = add_optimism(s, own, after, deviations(s, own, after)).numpy()
     return Nodes(
         after,
@@ -109,7 +111,7 @@ def _expand(s: Encoding, own: Agent, past: RecalledErrors, nodes: Nodes) -> Node
 
 
 def _recall(s: Encoding, past: RecalledErrors, zeta: Tensor) -> Tensor:
-    """Return the errors of f (n, M, D + 1) to be expected at zeta (n, D): see the plain `recall`."""
+    """Return the errors of f (n, M, E) to be expected at zeta (n, D): see the plain `recall`."""
     count = min(int(past.noted), len(past.movement))
     if not count:
         return torch.zeros(1)

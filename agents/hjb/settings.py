@@ -34,6 +34,7 @@ class HJBSettings:
     pause: float = 40.0  # length of a rest
     meal: float = 5.0  # length of a meal
     finite_difference: bool = True  # the HJB score over a whole movement instead of its first-order limit
+    option_cost: bool = False  # f predicts the drive on the way too (options: Sutton, Precup and Singh 1999)
     minimum_in_loss: bool = True  # L_J is the residual of the HJB equation, its min included
     replay: bool = True  # learn from remembered decisions, not the newest alone (Mnih et al. 2015)
     intra_option: bool = True  # learn from states within a movement too (Sutton, Precup and Singh 1999)

@@ -54,7 +54,7 @@ class Device(ABC):
 
     @abstractmethod
     def expect(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:
-        """Return what f predicts (k, D + 1) of the `movement` (k,) of each of `slots` (k,) at zeta (k, D)."""
+        """Return what f predicts (k, E) of the `movement` (k,) of each of `slots` (k,) at zeta (k, D)."""
 
     @abstractmethod
     def update(
@@ -75,7 +75,7 @@ class Device(ABC):
 
     @abstractmethod
     def forecast(self, weights: Weights, slot: int, zeta: np.ndarray) -> np.ndarray:
-        """Return f's outputs (m, M (D + 1)) of one agent at zeta (m, D), in its units."""
+        """Return f's outputs (m, M E) of one agent at zeta (m, D), in its units."""
 
 
 class HostDevice(Device):

@@ -1,6 +1,8 @@
 """What devices are given and give back: records of arrays, and the constants of the learner's arithmetic.
 
-Shapes: n agents, b states, D components of zeta, M movements, I inputs, H hidden units, C place cells.
+Shapes: n agents, b states, D components of zeta, M movements, I inputs, H hidden units, C place cells, E outputs of f
+per movement: the change of zeta, its duration and, where f is `costed`, its excess. This is the discounted drive on the
+way, less that at its start for as long.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ class Encoding(NamedTuple):
     scale: Array  # (D,)
     low: Array  # (D,)
     high: Array  # (D,)
-    unit: Array  # (D + 1,) of f's outputs
+    unit: Array  # (E,) of f's outputs
     plain: Array  # int, components that are inputs as they are
     angle: Array  # int, components that are inputs by cosine and sine
     place: Array  # int (2,)
@@ -56,13 +58,15 @@ class Encoding(NamedTuple):
     sated: np.float32
     width: int  # H
     movements: int  # M
+    outputs: int  # E
+    costed: bool  # f predicts the drive on the way too
     finite: bool  # the score over a whole movement
     minimum: bool  # the min in L_J
     anchored: bool  # J is the drive plus the output of the network
     slow: bool  # whether there is a target network
     weight_decay: np.float32  # decay of the weights of f's heads, per unit of the learning rate
     lazy: bool  # Adam leaves heads of f alone that no decision of the batch trains
-    spatial: Array  # bool (D + 1,) positions and angles, of an agent that senses its position
+    spatial: Array  # bool (E,) positions and angles, of an agent that senses its position
     where: Array  # int (W,) components of zeta that locate the agent: neither needs nor felt
     nearness: Array  # (W,) 1 / sd of each in the kernel that measures how near two states are
     turning: Array  # bool (W,) which of them are angles
@@ -79,7 +83,7 @@ class Encoding(NamedTuple):
 class Weights(NamedTuple):
     """What n agents have learned: a row of weights each."""
 
-    f: Array  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M (D + 1), H), b3
+    f: Array  # (n, P) w1 (I, H), b1, w2 (H, H), b2, w3 (M E, H), b3
     f_first: Array  # Adam's moments
     f_second: Array
     f_steps: Array  # int (n, 1 + M) of the hidden layers, and of every head
@@ -118,6 +122,7 @@ class Replay(NamedTuple):
     duration: Array
     movement: Array
     open: Array
+    excess: Array  # (n, K) discounted drive on the way, less that at the start for as long
     count: Array  # (n,) decisions so far
 
 
@@ -126,7 +131,7 @@ class Trace(NamedTuple):
 
     where: Array  # (n, L, W) where the decision was made
     movement: Array  # int16 (n, L)
-    error: Array  # (n, L, D + 1) true change and duration, less what f predicted
+    error: Array  # (n, L, E) what was met, less what f predicted
     possible: Array  # bool (n, L, M) the movements that were open
     time: Array  # (n, L) age of the agent at the decision, units of time
     count: Array  # int (n,) decisions so far

@@ -114,7 +114,7 @@ def decide(s, weights, slots, zeta, open_, out):
     """Fill out (k, M) with the scores of the agents `slots` (k,) at zeta (k, D), infinity where not open."""
     parts = zeta.shape[1]
     inputs = inputs_of(s, weights)
-    scratch = scratch_for(s, s.movements, parts, s.movements * (parts + 1), inputs, np.int64(1))
+    scratch = scratch_for(s, s.movements, parts, s.movements * s.outputs, inputs, np.int64(1))
     word = control_word()
     set_control_word(word | ZEROED)
     kept = scratch
@@ -135,7 +135,7 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
     """
     parts, size = zeta.shape[1], max(s.beam, s.movements)
     inputs = inputs_of(s, weights)
-    scratch = scratch_for(s, size * s.movements, parts, s.movements * (parts + 1), inputs, size)
+    scratch = scratch_for(s, size * s.movements, parts, s.movements * s.outputs, inputs, size)
     beam = beam_for(s, parts)
     word = control_word()
     set_control_word(word | ZEROED)
@@ -164,18 +164,18 @@ def decide_far(s, weights, memory, slots, ages, zeta, open_, out):
 
 @compiled
 def expect(s, weights, slots, zeta, movement):
-    """Return what f predicts (k, D + 1) of one movement each (k,) of the agents `slots` (k,) at zeta (k, D)."""
+    """Return what f predicts (k, E) of one movement each (k,) of the agents `slots` (k,) at zeta (k, D)."""
     parts = zeta.shape[1]
     inputs = inputs_of(s, weights)
-    scratch = scratch_for(s, np.int64(1), parts, parts + 1, inputs, np.int64(1))
-    out = np.empty((len(slots), parts + 1), F)
+    scratch = scratch_for(s, np.int64(1), parts, s.outputs, inputs, np.int64(1))
+    out = np.empty((len(slots), s.outputs), F)
     for r in range(len(slots)):
         i = slots[r]
         own = agent_of(weights, i, weights.target[i], weights.optimism[i])
         second = hidden_layer(s, own, zeta[r : r + 1], scratch)
         _, _, _, _, w3, b3 = layers(own.f, inputs, s.width)
-        o = movement[r] * (parts + 1)
-        for v in range(parts + 1):
+        o = movement[r] * s.outputs
+        for v in range(s.outputs):
             out[r, v] = output(second[0], w3[o + v], b3[o + v]) * s.unit[v]
         out[r, parts] = min(max(out[r, parts], s.dt), LONGEST)
     keep_alive(scratch)
@@ -202,9 +202,9 @@ def slope_at(s, weights, slot, zeta):
 
 @compiled
 def forecast_at(s, weights, slot, zeta):
-    """Return f's outputs (m, M (D + 1)) of one agent at zeta (m, D), in its units."""
+    """Return f's outputs (m, M E) of one agent at zeta (m, D), in its units."""
     own = agent_of(weights, slot, weights.target[slot], weights.optimism[slot])
-    out = np.empty((len(zeta), s.movements * (zeta.shape[1] + 1)), F)
+    out = np.empty((len(zeta), s.movements * s.outputs), F)
     scratch = scratch_for(s, len(zeta), zeta.shape[1], np.int64(1), inputs_of(s, own), np.int64(1))
     forecast(s, own, zeta, scratch, out)
     keep_alive(scratch)

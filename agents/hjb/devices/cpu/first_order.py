@@ -110,9 +110,9 @@ def first_order_scores(s, own, zeta, open_, scratch, out):
             out[r, m] = np.inf
             if not open_[r, m]:
                 continue
-            o = m * (parts + 1)
+            o = m * s.outputs
             if rows <= FEW:
-                for v in range(o, o + parts + 1):
+                for v in range(o, o + s.outputs):
                     raw[r, v] = output(second[r], w3[v], ZERO)
             tau = (raw[r, o + parts] + b3[o + parts]) * s.unit[parts]
             tau = min(max(tau, s.dt), LONGEST)
@@ -131,7 +131,7 @@ def executed_pace(s, own, zeta, movement, scratch, pace):
     second = hidden_layer(s, own, zeta, scratch)
     _, _, _, _, w3, b3 = layers(own.f, inputs_of(s, own), s.width)
     for r in range(len(zeta)):
-        o = max(movement[r], 0) * (parts + 1)
+        o = max(movement[r], 0) * s.outputs
         tau = output(second[r], w3[o + parts], b3[o + parts]) * s.unit[parts]
         tau = min(max(tau, s.dt), LONGEST)
         for v in range(parts):

@@ -85,11 +85,12 @@ def redraw(s, zeta, uniform, m):
 def learn_f(s, own, sample, m, scratch, g):
     """Return L_f and fill its gradient g (P,): the squared error of the executed movement's predicted change.
 
-    `sample` are zeta (b, D), the movement (b,), zeta after it and its duration (b,). The first m rows, whose needs are
-    imagined, count for the spatial components alone. Of one or two rows, g must be zero before, and the gradients of
-    w1 and w2 are left to `adam_across`: x, h1 and what comes back to them lie in `scratch`. `learn_j` does so too.
+    `sample` are zeta (b, D), the movement (b,), zeta after it, its duration and its excess (b,). The first m rows,
+    whose needs are imagined, count for the spatial components alone. Of one or two rows, g must be zero before,
+    and the gradients of w1 and w2 are left to `adam_across`: x, h1 and what comes back to them lie in `scratch`.
+    `learn_j` does so too.
     """
-    zeta, movement, after, duration = sample
+    zeta, movement, after, duration, excess = sample
     rows, parts = zeta.shape
     width, k = s.width, len(s.plain) + 2 * len(s.angle) + own.cells
     inputs = inputs_of(s, own)
@@ -101,7 +102,7 @@ def learn_f(s, own, sample, m, scratch, g):
     known = 0
     for r in range(rows):
         known += movement[r] >= 0
-    part = ONE / F(max(known, 1) * (parts + 1))
+    part = ONE / F(max(known, 1) * s.outputs)
     loss = ZERO
     if rows > FEW:
         g3[:] = ZERO
@@ -111,14 +112,16 @@ def learn_f(s, own, sample, m, scratch, g):
         up[:] = ZERO
         if movement[r] < 0:
             continue
-        for v in range(parts + 1):
+        for v in range(s.outputs):
             if r < m and not s.spatial[v]:
                 continue
-            target = min(duration[r], LONGEST) if v == parts else after[r, v] - zeta[r, v]
+            target = min(duration[r], LONGEST) if v == parts else excess[r]
+            if v < parts:
+                target = after[r, v] - zeta[r, v]
             for p in s.angle:
                 if p == v:
                     target -= TURN * F(math.floor(target / TURN + HALF))
-            o = movement[r] * (parts + 1) + v
+            o = movement[r] * s.outputs + v
             weight, slot = w3[o], g3[o]
             error = output(row, weight, b3[o]) - target / s.unit[v]
             loss += error * error * part

@@ -42,7 +42,7 @@ class Beam(NamedTuple):
     next_root: np.ndarray
     score: np.ndarray  # (B M,)
     taken: np.ndarray  # bool (B M,)
-    bias: np.ndarray  # (M, D + 1) correction of f
+    bias: np.ndarray  # (M, E) correction of f
     support: np.ndarray  # (M,) weight of the errors behind it
 
 
@@ -62,7 +62,7 @@ def beam_for(s, parts):
         np.empty(size * s.movements, np.int64),
         np.empty(size * s.movements, F),
         np.empty(size * s.movements, np.bool_),
-        np.empty((s.movements, parts + 1), F),
+        np.empty((s.movements, s.outputs), F),
         np.empty(s.movements, F),
     )
 
@@ -87,7 +87,7 @@ def distance(s, zeta, where):
 
 @within
 def recall(s, past, zeta, bias, support):
-    """Fill `bias` (M, D + 1) with the error of f to be expected at zeta (D,) by movement, from those remembered.
+    """Fill `bias` (M, E) with the error of f to be expected at zeta (D,) by movement, from those remembered.
 
     A mean weighted by how near and how recent they are, with a prior of no error: Nadaraya-Watson regression.
     """
@@ -176,7 +176,7 @@ def expand(s, own, past, level, nodes, scratch, beam):
         for m in range(s.movements):
             if not beam.open[r, m]:
                 continue
-            o = m * (parts + 1)
+            o = m * s.outputs
             tau = (raw[r, o + parts] + b3[o + parts]) * s.unit[parts] + beam.bias[m, parts]
             tau = min(max(tau, s.dt), LONGEST)
             ahead = beam.next_state[count]
@@ -184,8 +184,12 @@ def expand(s, own, past, level, nodes, scratch, beam):
                 change = (raw[r, o + v] + b3[o + v]) * s.unit[v] + beam.bias[m, v]
                 ahead[v] = min(max(here[v] + change, s.low[v]), s.high[v])
             keep = exp32(max(tau * s.log_gamma, F(-80.0)))
-            drives = d + drive(s, ahead, scratch.mixed)
-            beam.next_cost[count] = beam.cost[r] + beam.keep[r] * (ONE - keep) * HALF * drives
+            if s.costed:
+                excess = (raw[r, o + parts + 1] + b3[o + parts + 1]) * s.unit[parts + 1] + beam.bias[m, parts + 1]
+                cost = (ONE - keep) * d + excess
+            else:
+                cost = (ONE - keep) * HALF * (d + drive(s, ahead, scratch.mixed))
+            beam.next_cost[count] = beam.cost[r] + beam.keep[r] * cost
             beam.next_keep[count] = beam.keep[r] * keep
             beam.next_root[count] = m if level == 0 else beam.root[r]
             count += 1

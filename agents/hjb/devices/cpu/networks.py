@@ -52,7 +52,7 @@ def hidden_layer(s, own, zeta, scratch):
 
 @within
 def forecast(s, own, zeta, scratch, out):
-    """Fill out (b, M (D + 1)) with f of all movements at zeta (b, D), in its units."""
+    """Fill out (b, M E) with f of all movements at zeta (b, D), in its units."""
     second = hidden_layer(s, own, zeta, scratch)
     _, _, _, _, w3, b3 = layers(own.f, inputs_of(s, own), s.width)
     product_back(second, w3, out)

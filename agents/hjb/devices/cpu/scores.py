@@ -45,7 +45,8 @@ def add_optimism(s, own, zeta, values):
 def scores(s, own, zeta, open_, scratch, out):
     """Fill out (b, M) with the HJB score of the open movements, drive units; infinity for the others.
 
-    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta').
+    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'). Where f predicts the drive on the way,
+    it replaces the mean of both ends.
     """
     if not s.finite:
         first_order_scores(s, own, zeta, open_, scratch, out)
@@ -63,9 +64,9 @@ def scores(s, own, zeta, open_, scratch, out):
             out[r, m] = np.inf
             if not open_[r, m]:
                 continue
-            o = m * (parts + 1)
+            o = m * s.outputs
             if rows <= FEW:
-                for v in range(o, o + parts + 1):
+                for v in range(o, o + s.outputs):
                     raw[r, v] = output(second[r], w3[v], ZERO)
             tau = (raw[r, o + parts] + b3[o + parts]) * s.unit[parts]
             tau = min(max(tau, s.dt), LONGEST)
@@ -74,7 +75,11 @@ def scores(s, own, zeta, open_, scratch, out):
                 change = (raw[r, o + v] + b3[o + v]) * s.unit[v]
                 ahead[v] = min(max(zeta[r, v] + change, s.low[v]), s.high[v])
             keep = exp32(max(tau * s.log_gamma, F(-80.0)))
-            out[r, m] = (ONE - keep) * HALF * (d + drive(s, ahead, scratch.mixed))
+            if s.costed:
+                excess = (raw[r, o + parts + 1] + b3[o + parts + 1]) * s.unit[parts + 1]
+                out[r, m] = (ONE - keep) * d + excess
+            else:
+                out[r, m] = (ONE - keep) * HALF * (d + drive(s, ahead, scratch.mixed))
             scratch.keep[count] = keep
             scratch.which[count] = r * s.movements + m
             count += 1

@@ -31,6 +31,7 @@ class Batch(NamedTuple):
     zeta_f: np.ndarray  # (b', D)
     after_f: np.ndarray  # (b', D)
     time_f: np.ndarray  # (b',)
+    excess_f: np.ndarray  # (b',)
     movement_f: np.ndarray  # int (b',)
     zeta: np.ndarray  # (b, D)
     pace: np.ndarray  # (b, D)
@@ -54,6 +55,7 @@ def batch_for(s, weights, sampling, parts):
         np.empty(bf, np.int64),
         np.empty((bf, parts), F),
         np.empty((bf, parts), F),
+        np.empty(bf, F),
         np.empty(bf, F),
         np.empty(bf, np.int64),
         np.empty((b, parts), F),
@@ -91,7 +93,7 @@ def agent_of(weights, i, network, optimism):
 @inlined
 def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
     """Take one step on L_f for agent `i`; return the loss."""
-    parts, bf = batch.zeta_f.shape[1], len(batch.at_f)
+    bf = len(batch.at_f)
     own = agent_of(weights, i, weights.J[i], batch.neutral)
     uniform = sampling.uniform[i]
     positions(
@@ -102,9 +104,11 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
         copy(replay.zeta[i, at], batch.zeta_f[r])
         copy(replay.after[i, at], batch.after_f[r])
         batch.time_f[r], batch.movement_f[r] = replay.duration[i, at], replay.movement[i, at]
+        batch.excess_f[r] = replay.excess[i, at]
     m = sampling.imagined_f
     redraw(s, batch.zeta_f, uniform[len(uniform) - m * len(s.deprivable) :], m)
-    loss = learn_f(s, own, (batch.zeta_f, batch.movement_f, batch.after_f, batch.time_f), m, scratch, batch.g_f)
+    sample = batch.zeta_f, batch.movement_f, batch.after_f, batch.time_f, batch.excess_f
+    loss = learn_f(s, own, sample, m, scratch, batch.g_f)
     batch.trained[:] = not s.lazy
     for r in range(bf):
         if batch.movement_f[r] >= 0:
@@ -125,8 +129,8 @@ def train_f(s, weights, replay, sampling, i, rate, batch, scratch):
     if bf <= FEW:
         _, _, _, _, g3, gb3 = layers(batch.g_f, inputs, s.width)
         for r in range(bf):
-            head = max(batch.movement_f[r], 0) * (parts + 1)
-            g3[head : head + parts + 1], gb3[head : head + parts + 1] = ZERO, ZERO
+            head = max(batch.movement_f[r], 0) * s.outputs
+            g3[head : head + s.outputs], gb3[head : head + s.outputs] = ZERO, ZERO
     return loss
 
 
@@ -171,7 +175,7 @@ def update(s, weights, replay, sampling, training, lookahead, start, stop):
     """Take one step on L_f and on L_J for every `ready` agent from `start` to `stop`; score what is in `lookahead`."""
     parts, b, bf = replay.zeta.shape[2], sampling.batch, sampling.batch_f
     inputs = inputs_of(s, weights)
-    scratch = scratch_for(s, max(b * s.movements, bf), parts, s.movements * (parts + 1), inputs, b)
+    scratch = scratch_for(s, max(b * s.movements, bf), parts, s.movements * s.outputs, inputs, b)
     batch = batch_for(s, weights, sampling, parts)
     word = control_word()
     set_control_word(word | ZEROED)

@@ -77,7 +77,7 @@ class Plain(HostDevice):
             for r, i in enumerate(slots.tolist())
         ]
         raw = torch.stack(found) * self.s.unit
-        raw[:, -1].clamp_(self.s.dt, LONGEST)
+        raw[:, zeta.shape[1]].clamp_(self.s.dt, LONGEST)
         return raw.numpy()
 
     def update(  # noqa: D102

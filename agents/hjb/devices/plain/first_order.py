@@ -22,7 +22,8 @@ def slopes(s: Any, own: Any, zeta: Tensor) -> Tensor:
 def first_order_scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     """Return d + dJ/dzeta . f (b, M) of the open movements at zeta (b, D), infinity for the others."""
     predicted = forecast(s, own, zeta) * s.unit
-    rate = predicted[..., :-1] / predicted[..., -1:].clamp(s.dt, LONGEST)
+    parts = zeta.shape[1]
+    rate = predicted[..., :parts] / predicted[..., parts : parts + 1].clamp(s.dt, LONGEST)
     climb = (slopes(s, own, zeta)[:, None] * rate).sum(-1)
     return (drive(s, zeta[:, None] + rate * s.dt) - climb / s.log_gamma).masked_fill(~open_, math.inf).detach()
 
@@ -30,7 +31,8 @@ def first_order_scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
 def executed_pace(s: Any, own: Any, zeta: Tensor, movement: Tensor) -> Tensor:
     """Return f (b, D), per unit of time, of the movement executed (b,) at each zeta (b, D)."""
     predicted = pick(forecast(s, own, zeta), movement) * s.unit
-    return predicted[:, :-1] / predicted[:, -1:].clamp(s.dt, LONGEST)
+    parts = zeta.shape[1]
+    return predicted[:, :parts] / predicted[:, parts : parts + 1].clamp(s.dt, LONGEST)
 
 
 def add_climb(s: Any, own: Any, zeta: Tensor, pace: Tensor, residual: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ from ecology.agents.hjb.devices.plain.first_order import add_climb, pick
 from ecology.agents.hjb.devices.plain.networks import deviations, forecast
 from ecology.agents.hjb.devices.records import LONGEST
 
-Sample = tuple[Tensor, Tensor, Tensor, Tensor]
+Sample = tuple[Tensor, ...]
 
 
 def positions(count: int, capacity: int, uniform: np.ndarray, late: int, recent: int) -> np.ndarray:
@@ -67,13 +67,13 @@ def redraw(s: Any, zeta: Tensor, uniform: np.ndarray, m: int) -> Tensor:
 def learn_f(s: Any, own: Any, sample: Sample, m: int) -> Tensor:
     """Return L_f: the squared error of the executed movement's predicted change.
 
-    `sample` are zeta (b, D), the movement (b,), zeta after it and its duration (b,). The first m rows, whose needs are
-    imagined, count for the spatial components alone.
+    `sample` are zeta (b, D), the movement (b,), zeta after it, its duration and its excess (b,). The first m rows,
+    whose needs are imagined, count for the spatial components alone.
     """
-    zeta, movement, after, duration = sample
+    zeta, movement, after, duration, excess = sample
     change = after - zeta
     change[:, s.angle] = torch.atan2(change[:, s.angle].sin(), change[:, s.angle].cos())
-    target = torch.cat([change, duration[:, None].clamp(max=LONGEST)], 1) / s.unit
+    target = torch.cat([change, duration[:, None].clamp(max=LONGEST), excess[:, None]], 1)[:, : s.outputs] / s.unit
     error = (pick(forecast(s, own, zeta), movement) - target).square()
     kept = s.spatial | (torch.arange(len(error)) >= m)[:, None]
     return mean((error * kept).mean(1), movement >= 0)

@@ -36,11 +36,11 @@ def distance(s: Any, zeta: Tensor, where: np.ndarray) -> float:
 
 
 def recall(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
-    """Return the error of f (M, D + 1) to be expected at zeta (D,) by movement, from those remembered.
+    """Return the error of f (M, E) to be expected at zeta (D,) by movement, from those remembered.
 
     A mean weighted by how near and how recent they are, with a prior of no error: Nadaraya-Watson regression.
     """
-    total, weight = torch.zeros(s.movements, len(zeta) + 1), torch.full((s.movements, 1), PRIOR)
+    total, weight = torch.zeros(s.movements, s.outputs), torch.full((s.movements, 1), PRIOR)
     for k in range(min(int(past.noted), len(past.movement))):
         exponent = -0.5 * distance(s, zeta, past.where[k]) - float(past.now - past.time[k]) / FADING
         if exponent > FAINT:
@@ -89,10 +89,11 @@ def expand(s: Any, own: Any, past: RecalledErrors, nodes: list[Node]) -> list[No
     for node in nodes:
         predicted = forecast(s, own, node.state[None])[0] * s.unit + recall(s, past, node.state)
         for m in np.flatnonzero(node.open).tolist():
-            after = torch.minimum(torch.maximum(node.state + predicted[m, :-1], s.low), s.high)
-            fade = math.exp(s.log_gamma * float(predicted[m, -1].clamp(s.dt, LONGEST)))
-            drives = 0.5 * float(drive(s, node.state) + drive(s, after))
-            cost, keep = node.cost + node.keep * (1 - fade) * drives, node.keep * fade
+            after = torch.minimum(torch.maximum(node.state + predicted[m, : len(s.low)], s.low), s.high)
+            fade = math.exp(s.log_gamma * float(predicted[m, len(s.low)].clamp(s.dt, LONGEST)))
+            here, there = float(drive(s, node.state)), float(drive(s, after))
+            way = (1 - fade) * here + float(predicted[m, -1]) if s.costed else (1 - fade) * 0.5 * (here + there)
+            cost, keep = node.cost + node.keep * way, node.keep * fade
             value = float(add_optimism(s, own, after[None], deviations(s, own, after[None])))
             found.append(Node(after, cost, keep, m if node.root < 0 else node.root, node.open, cost + keep * value))
     return found

@@ -35,7 +35,7 @@ def hidden_layer(s: Any, own: Any, zeta: Tensor) -> Tensor:
 
 
 def forecast(s: Any, own: Any, zeta: Tensor) -> Tensor:
-    """Return f of all movements (b, M, D + 1) at zeta (b, D), in its units."""
+    """Return f of all movements (b, M, E) at zeta (b, D), in its units."""
     _, _, _, _, w3, b3 = own.f
     return functional.linear(hidden_layer(s, own, zeta), w3, b3).unflatten(1, (s.movements, -1))
 

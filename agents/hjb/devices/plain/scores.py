@@ -32,17 +32,20 @@ def add_optimism(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
 def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     """Return the HJB score (b, M) of the open movements at zeta (b, D), drive units; infinity for the others.
 
-    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta').
+    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'). Where f predicts the drive on the way,
+    it replaces the mean of both ends.
     """
     if not s.finite:
         return first_order_scores(s, own, zeta, open_)
     predicted = forecast(s, own, zeta) * s.unit
-    after = torch.minimum(torch.maximum(zeta[:, None] + predicted[..., :-1], s.low), s.high)
-    keep = math.exp(s.log_gamma) ** predicted[..., -1].clamp(s.dt, LONGEST)
+    parts = zeta.shape[1]
+    after = torch.minimum(torch.maximum(zeta[:, None] + predicted[..., :parts], s.low), s.high)
+    keep = math.exp(s.log_gamma) ** predicted[..., parts].clamp(s.dt, LONGEST)
     flat = after.flatten(0, 1)
     ahead = add_optimism(s, own, flat, deviations(s, own, flat)).view(keep.shape)
-    score = (1 - keep) * 0.5 * (drive(s, zeta)[:, None] + drive(s, after)) + keep * ahead
-    return score.masked_fill(~open_, math.inf).detach()
+    here = drive(s, zeta)[:, None]
+    cost = (1 - keep) * here + predicted[..., -1] if s.costed else (1 - keep) * 0.5 * (here + drive(s, after))
+    return (cost + keep * ahead).masked_fill(~open_, math.inf).detach()
 
 
 def expected_score(s: Any, score: Tensor) -> Tensor:

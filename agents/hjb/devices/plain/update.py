@@ -44,11 +44,12 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, i: int
     leaves = [layer.detach().requires_grad_() for layer in own.f]
     uniform = sampling.uniform[i, sampling.batch : sampling.batch + sampling.batch_f]
     at = positions(int(replay.count[i]), replay.zeta.shape[1], uniform, sampling.late_f, sampling.recent)
-    zeta, after, duration = (torch.from_numpy(array[i, at]) for array in (replay.zeta, replay.after, replay.duration))
+    drawn = (replay.zeta, replay.after, replay.duration, replay.excess)
+    zeta, after, duration, excess = (torch.from_numpy(array[i, at]) for array in drawn)
     movement = torch.from_numpy(replay.movement[i, at].astype(np.int64))
     m, numbers = sampling.imagined_f, sampling.uniform[i]
     zeta = redraw(s, zeta, numbers[len(numbers) - m * len(s.deprivable) :], m)
-    loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration), m)
+    loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration, excess), m)
     loss.backward()
     trained = np.isin(np.arange(s.movements), movement.numpy()) if s.lazy else np.ones(s.movements, bool)
     row = Row(weights.f[i], weights.f_first[i], weights.f_second[i], weights.f_steps[i])

@@ -117,7 +117,7 @@ class Torch(Device):
     def expect(self, weights: Weights, slots: np.ndarray, zeta: np.ndarray, movement: np.ndarray) -> np.ndarray:  # noqa: D102
         table = forecast(self.s, self._agents(weights, self.on(slots)), self.on(zeta)[:, None]) * self.s.unit
         raw = pick(table, self.on(movement)[:, None])[:, 0]
-        raw[:, -1].clamp_(self.s.dt, LONGEST)
+        raw[:, zeta.shape[1]].clamp_(self.s.dt, LONGEST)
         return self.off(raw)
 
     @torch.no_grad()

@@ -12,7 +12,7 @@ from ecology.agents.hjb.devices.torch.encoding import drive
 from ecology.agents.hjb.devices.torch.first_order import add_climb, pick
 from ecology.agents.hjb.devices.torch.networks import deviations, forecast
 
-Sample = tuple[Tensor, Tensor, Tensor, Tensor]
+Sample = tuple[Tensor, ...]
 
 
 def positions(count: Tensor, capacity: int, uniform: Tensor, late: int, recent: int) -> Tensor:
@@ -62,14 +62,15 @@ def redraw(s: Any, zeta: Tensor, uniform: Tensor, m: int) -> Tensor:
 def learn_f(s: Any, own: Any, sample: Sample, m: int) -> Tensor:
     """Return L_f (a,): the squared error of the executed movement's predicted change.
 
-    `sample` are zeta (a, b, D), the movement (a, b), zeta after it and its duration (a, b). The first m rows, whose
-    needs are imagined, count for the spatial components alone.
+    `sample` are zeta (a, b, D), the movement (a, b), zeta after it, its duration and its excess (a, b). The first m
+    rows, whose needs are imagined, count for the spatial components alone.
     """
-    zeta, movement, after, duration = sample
+    zeta, movement, after, duration, excess = sample
     change = after - zeta
     turned = change[..., s.angle]
     change[..., s.angle] = torch.atan2(turned.sin(), turned.cos())
-    target = torch.cat([change, duration[..., None].clamp(max=LONGEST)], -1)
+    met = change, duration[..., None].clamp(max=LONGEST), excess[..., None]
+    target = torch.cat(met, -1)[..., : s.outputs]
     error = (pick(forecast(s, own, zeta), movement) - target / s.unit).square()
     kept = s.spatial | (torch.arange(error.shape[1], device=s.device) >= m)[:, None]
     return mean((error * kept).mean(-1), movement >= 0)

@@ -35,7 +35,7 @@ def distance(s: Any, zeta: Tensor, where: Tensor) -> Tensor:
 
 
 def recall(s: Any, past: RecalledErrors, zeta: Tensor) -> Tensor:
-    """Return the error of f to be expected (a, R, M, D + 1) at zeta (a, R, D), from those remembered.
+    """Return the error of f to be expected (a, R, M, E) at zeta (a, R, D), from those remembered.
 
     A mean weighted by how near and how recent they are, with a prior of no error: Nadaraya-Watson regression.
     """
@@ -95,10 +95,12 @@ def look_ahead(s: Any, own: Any, past: RecalledErrors, zeta: Tensor, open_: Tens
 def expand(s: Any, own: Any, past: RecalledErrors, level: int, beam: Beam) -> Beam:
     """Predict the successors of all states of the beam, by every movement."""
     raw = forecast(s, own, beam.state) * s.unit + recall(s, past, beam.state)
-    ahead = (beam.state[:, :, None] + raw[..., :-1]).clamp(s.low, s.high)
-    faded = torch.exp(raw[..., -1].clamp(s.dt, LONGEST) * s.log_gamma)  # (a, R, M)
-    drives = 0.5 * (drive(s, beam.state)[..., None] + drive(s, ahead))
-    cost = beam.cost[..., None] + beam.keep[..., None] * (1 - faded) * drives
+    parts = beam.state.shape[-1]
+    ahead = (beam.state[:, :, None] + raw[..., :parts]).clamp(s.low, s.high)
+    faded = torch.exp(raw[..., parts].clamp(s.dt, LONGEST) * s.log_gamma)  # (a, R, M)
+    here = drive(s, beam.state)[..., None]
+    way = (1 - faded) * here + raw[..., -1] if s.costed else (1 - faded) * 0.5 * (here + drive(s, ahead))
+    cost = beam.cost[..., None] + beam.keep[..., None] * way
     first = torch.arange(s.movements, device=s.device).expand_as(faded) if level == 0 else beam.root[..., None]
     return Beam(
         ahead.flatten(1, 2),

@@ -33,7 +33,7 @@ def hidden_layer(s: Any, own: Any, zeta: Tensor) -> Tensor:
 
 
 def forecast(s: Any, own: Any, zeta: Tensor) -> Tensor:
-    """Return f of all movements (a, R, M, D + 1) at zeta (a, R, D), in its units."""
+    """Return f of all movements (a, R, M, E) at zeta (a, R, D), in its units."""
     _, _, _, _, w3, b3 = own.f
     raw = torch.baddbmm(b3, hidden_layer(s, own, zeta), w3.transpose(1, 2))
     return raw.unflatten(2, (s.movements, -1))

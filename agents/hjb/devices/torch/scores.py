@@ -33,18 +33,20 @@ def add_optimism(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
 def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     """Return the HJB score (a, R, M) of the open movements at zeta (a, R, D), drive units; infinity for the others.
 
-    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta').
+    Over a whole movement, (1 - gamma^tau) (d + d') / 2 + gamma^tau Jn(zeta'). Where f predicts the drive on the way,
+    it replaces the mean of both ends.
     """
     if not s.finite:
         return first_order_scores(s, own, zeta, open_)
     predicted = forecast(s, own, zeta) * s.unit
-    ahead = (zeta[:, :, None] + predicted[..., :-1]).clamp(s.low, s.high)
-    keep = torch.exp(predicted[..., -1].clamp(s.dt, LONGEST) * s.log_gamma)
-    drives = 0.5 * (drive(s, zeta)[..., None] + drive(s, ahead))
+    parts = zeta.shape[-1]
+    ahead = (zeta[:, :, None] + predicted[..., :parts]).clamp(s.low, s.high)
+    keep = torch.exp(predicted[..., parts].clamp(s.dt, LONGEST) * s.log_gamma)
+    here = drive(s, zeta)[..., None]
+    cost = (1 - keep) * here + predicted[..., -1] if s.costed else (1 - keep) * 0.5 * (here + drive(s, ahead))
     flat = ahead.flatten(1, 2)
     value = add_optimism(s, own, flat, deviations(s, own, flat))
-    score = (1 - keep) * drives + keep * value.view_as(keep)
-    return score.masked_fill(~open_, math.inf)
+    return (cost + keep * value.view_as(keep)).masked_fill(~open_, math.inf)
 
 
 def expected_score(s: Any, score: Tensor) -> Tensor:

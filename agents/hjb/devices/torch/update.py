@@ -45,11 +45,12 @@ def train_f(s: Any, weights: Weights, replay: Replay, sampling: Sampling, learns
     leaves = [layer.detach().requires_grad_() for layer in own.f]
     uniform = sampling.uniform[:, sampling.batch : sampling.batch + sampling.batch_f]
     at = positions(replay.count, replay.zeta.shape[1], uniform, sampling.late_f, sampling.recent)
-    zeta, after, duration, movement = (rows_at(array, at) for array in replay[:4])
+    drawn = replay.zeta, replay.after, replay.duration, replay.movement, replay.excess
+    zeta, after, duration, movement, excess = (rows_at(array, at) for array in drawn)
     m, numbers = sampling.imagined_f, sampling.uniform
     zeta = redraw(s, zeta, numbers[:, numbers.shape[1] - m * len(s.deprivable) :], m)
     with torch.enable_grad():
-        loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration), m)
+        loss = learn_f(s, own._replace(f=leaves), (zeta, movement, after, duration, excess), m)
         loss.sum().backward()
     trained = torch.ones_like(weights.f_steps[:, 1:], dtype=torch.bool)
     if s.lazy:
