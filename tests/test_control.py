@@ -365,7 +365,7 @@ def test_a_served_run_from_its_page(tmp_path, monkeypatch, capsys):
               "--quiet"])  # fmt: skip
     thread.join(PATIENCE)
     assert (found["first"]["tick"], found["first"]["paused"], found["first"]["over"]) == (0, True, False)
-    assert found["first"]["alive"] == {"prey": 40, "predator": 10}
+    assert found["first"]["alive"] == {"prey": 110, "predator": 30}
     assert found["first"]["focus"].startswith("prey_")
     assert {"grass.0", "grass.15"} <= {each["name"] for each in found["world"]["resources"]}
     assert "prey_3" in {each["name"] for each in found["world"]["agents"]}

@@ -30,6 +30,7 @@ from ecology.agents.hjb.curiosity import SEARCHES, Curiosity
 from ecology.agents.hjb.devices.cpu.device import Cpu
 from ecology.agents.hjb.devices.cpu.lookahead import recall, recall_open
 from ecology.agents.hjb.devices.records import RecalledErrors
+from ecology.agents.hjb.experience import remember
 from ecology.agents.movements import adaptive, single_ticks
 from ecology.lab.runs.run_config import resolve
 
@@ -266,10 +267,11 @@ def test_the_drive_on_the_way_is_that_of_the_ticks_passed() -> None:
     for zeta in states[1:]:
         learner.execution.elapsed[0] += 1
         learner.execution.left[0] -= 1
-        learner.execution.proceed(mask, zeta, learner.drive(zeta), np.zeros(1, np.int64), keep=True)
+        learner.execution.drive[:] = learner.drive(zeta)
+        learner.execution.proceed(mask, zeta, np.zeros(1, np.int64), keep=True)
         learner.execution.elapsed[0] -= not learner.execution.free[0]
         learner.execution.left[0] += not learner.execution.free[0]
-    learner._remember(np.array([0]), states[-1])
+    remember(learner, np.array([0]), states[-1])
     gamma = learner.settings.gamma
     for row in range(2):
         tau = float(learner.memory.duration[0, row])

@@ -37,17 +37,13 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
     if bent or (layout.below != 1).any():
         lacking = (deprived * layout.below[can if can.any() else needs]) ** power
         worst = float(np.sum(lacking)) ** (exponent / power)
-    unit = np.where(needs | (kinds == "felt"), CHANGE * layout.scale, LENGTH * layout.scale)
-    unit = np.append(np.where(angles, 1.0, unit), s.stride if s.adaptive_steps else group.dt)
     costed = s.option_cost and s.finite_difference
-    if costed:
-        unit = np.append(unit, CHANGE * worst)
+    unit = _units(group, s, worst if costed else None)
     placed, centre = kinds == "position", np.zeros(len(kinds))
     centre[placed] = (layout.low[placed] + layout.high[placed]) / 2
     f4 = np.float32
     where = np.flatnonzero(~needs & (kinds != "felt"))
-    spatial = np.zeros(len(unit), bool)
-    spatial[: len(kinds)] = (placed | angles) & placed.any()
+    spatial = np.append((placed | angles) & placed.any(), np.zeros(len(unit) - len(kinds), bool))
     return Encoding(
         centre=centre.astype(f4),
         inverse=(1 / layout.scale).astype(f4),
@@ -106,3 +102,12 @@ def encode(group: Group, settings: HJBSettings, moves: Movements) -> Encoding:
         explored=f4(s.epsilon_final * s.target_explores),
         polyak=f4(s.polyak),
     )
+
+
+def _units(group: Group, settings: HJBSettings, worst: float | None) -> np.ndarray:
+    """Return the units (E,) of f's outputs; `worst` is the drive of total deprivation, None without a drive met."""
+    kinds = np.array(group.layout.kinds)
+    change = (kinds == "deviation") | (kinds == "felt")
+    unit = np.where(kinds == "angle", 1.0, np.where(change, CHANGE, LENGTH) * group.layout.scale)
+    unit = np.append(unit, settings.stride if settings.adaptive_steps else group.dt)
+    return unit if worst is None else np.append(unit, CHANGE * worst)

@@ -21,6 +21,7 @@ class Underway(NamedTuple):
     elapsed: np.ndarray  # int (n,) ticks since the decision
     trail: np.ndarray  # (n, T, D) zeta on the way, by ticks elapsed
     trail_open: np.ndarray  # bool (n, T, M)
+    drive: np.ndarray  # (n,) of this tick, zero where it is not needed
     felt: np.ndarray  # (n,) sum of the drive over the ticks since the decision
     trail_felt: np.ndarray  # (n, T) the same on the way
 
@@ -41,29 +42,27 @@ class Execution:
         self.was_open = np.zeros((n, count), bool)
         self.trail = np.zeros((n, TRAIL, components), np.float32)  # zeta on the way, by ticks elapsed
         self.trail_open = np.zeros((n, TRAIL, count), bool)
+        self.drive = np.zeros(n)
         self.felt = np.zeros(n)
         self.trail_felt = np.zeros((n, TRAIL))
         self.free = np.zeros(n, bool)  # agents without a movement to continue
         self._underway = Underway(
-            self.movement, self.stage, self.left, self.elapsed, self.trail, self.trail_open, self.felt, self.trail_felt
+            self.movement, self.stage, self.left, self.elapsed, self.trail, self.trail_open,
+            self.drive, self.felt, self.trail_felt,
         )  # fmt: skip
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return every array that a checkpoint holds, by name."""
-        felt = () if self.costed else ("felt", "trail_felt")
+        felt = {"drive"} if self.costed else {"drive", "felt", "trail_felt"}
         names = [name for name in (*Underway._fields, "began", "was_open") if name not in felt]
         return {name: getattr(self, name) for name in names}
 
-    def proceed(
-        self, masks: np.ndarray, zeta: np.ndarray, drive: np.ndarray, actions: np.ndarray, *, keep: bool
-    ) -> int:
+    def proceed(self, masks: np.ndarray, zeta: np.ndarray, actions: np.ndarray, *, keep: bool) -> int:
         """Continue the movements by one tick and fill in their actions (n,); `keep` the states passed.
 
-        `drive` (n,) is that of zeta (n, D), or zero where it is not needed. Returns how many agents are
-        `free` to decide.
+        Returns how many agents are `free` to decide.
         """
-        table, ticks = self.moves.action, self.moves.ticks
-        return proceed(table, ticks, self._underway, masks, zeta, drive, keep, self.free, actions)
+        return proceed(self.moves.action, self.moves.ticks, self._underway, masks, zeta, keep, self.free, actions)
 
     def start(self, slots: np.ndarray, chosen: np.ndarray, zeta: np.ndarray, open_: np.ndarray) -> None:
         """Start the movements `chosen` (k,) in `slots` (k,), decided at zeta (k, D) among those `open_` (k, M)."""
@@ -97,19 +96,19 @@ class Execution:
 
 
 @compiled
-def proceed(table, ticks, underway, masks, zeta, drive, keep, free, actions):  # type: ignore[no-untyped-def]
+def proceed(table, ticks, underway, masks, zeta, keep, free, actions):  # type: ignore[no-untyped-def]
     """Continue movements by one tick: fill actions (n,), and with `keep` the trail.
 
     A movement passes to its second stage when the first is over; it continues past its end where the world leaves
     no choice. Returns how many agents have none to continue, marked in free (n,). `table` and `ticks` (M, 2) are
-    those of `ecology.agents.movements`; masks (n, A), zeta (n, D), drive (n,).
+    those of `ecology.agents.movements`; masks (n, A), zeta (n, D).
     """
     count = 0
     for i in range(len(free)):
         m = underway.movement[i]
         free[i] = True
         if m >= 0:
-            underway.felt[i] += drive[i]
+            underway.felt[i] += underway.drive[i]
             over = underway.left[i] <= 0
             if over and underway.stage[i] == 0 and ticks[m, 1] > 0:
                 underway.stage[i], underway.left[i], over = 1, ticks[m, 1], False

@@ -28,6 +28,7 @@ from ecology.agents.hjb.decisions import DecisionRecord
 from ecology.agents.hjb.devices.records import LONGEST, Lookahead, Replay, Sampling, Trace, Training, Weights
 from ecology.agents.hjb.encoding import J_CENTRE, count_cells, encode
 from ecology.agents.hjb.execution import Execution
+from ecology.agents.hjb.experience import excess_of, remember
 from ecology.agents.hjb.memory import Memory
 from ecology.agents.hjb.networks import Perceptrons
 from ecology.agents.hjb.revision import Revision
@@ -111,7 +112,6 @@ class HJB(Learner):
             self.memory, meals, self.encoding.place, self.settings.doubt_reach, self.settings.doubt
         )
         self.execution = Execution(self.moves, n, self.components, costed=self.encoding.costed)
-        self.no_drive = np.zeros(n)
         self.more = np.zeros(n, np.int64)  # strides for which an exploratory walk continues
         self.age = np.zeros(n, np.int64)  # ticks learned
         self.clock = np.zeros(n, np.int64)  # ticks acted
@@ -281,15 +281,16 @@ class HJB(Learner):
         actions = np.empty(self.size, np.int64)
         if self.learning and self.settings.notice:
             self._notice(masks)
-        met = self.drive(observations) if self.encoding.costed else self.no_drive
-        if way.proceed(masks, observations, met, actions, keep=self.learning and self.settings.intra_option):
+        if self.encoding.costed:
+            way.drive[:] = self.drive(observations)
+        if way.proceed(masks, observations, actions, keep=self.learning and self.settings.intra_option):
             free = np.flatnonzero(way.free)
             ended = free[way.movement[free] >= 0]
             if ended.size:
                 if self.settings.errors or self.curious:
                     self._note(ended, observations)
                 if self.learning:
-                    self._remember(ended, observations)
+                    remember(self, ended, observations)
             deciding = free[masks[free].any(axis=1)]
             if deciding.size:
                 self._decide(deciding, observations[deciding], masks[deciding])
@@ -435,7 +436,7 @@ class HJB(Learner):
         took = self.execution.elapsed[slots] * self.group.dt
         met = [observations[slots] - began, took]
         if self.encoding.costed:
-            met.append(self._excess(slots, began, self.execution.felt[slots], took))
+            met.append(excess_of(self, slots, began, self.execution.felt[slots], took))
         error = (np.column_stack(met) - expected).astype(np.float32)
         error[:, senses.angle] = np.remainder(error[:, senses.angle] + np.pi, 2 * np.pi) - np.pi
         if self.learning and self.curious:
@@ -451,43 +452,6 @@ class HJB(Learner):
         trace.possible[slots, at] = self.execution.was_open[slots]
         trace.time[slots, at] = self._now()[slots]
         trace.count[slots] += 1
-
-    def _remember(self, slots: np.ndarray, observations: np.ndarray) -> None:
-        """Store the movements of `slots` that have just ended at `observations` (n, D).
-
-        With `intra_option`, a state passed on the way is stored too. Where the end of the movement from there is
-        unknown, the state serves L_J alone.
-        """
-        way, after = self.execution, observations[slots]
-        took = way.elapsed[slots] * self.group.dt
-        began, felt = way.began[slots], way.felt[slots]
-        excess = self._excess(slots, began, felt, took)
-        self.memory.add(slots, began, way.movement[slots], after, took, way.was_open[slots], excess)
-        if not self.settings.intra_option:
-            return
-        passed, some, same = way.draw_passed(slots, self.rng.random(self.size)[slots])
-        slots, passed = slots[some], passed[some]
-        began, left = way.trail[slots, passed], took[some] - passed * self.group.dt
-        self.memory.add(
-            slots,
-            began,
-            same[some],
-            after[some],
-            left,
-            way.trail_open[slots, passed],
-            self._excess(slots, began, felt[some] - way.trail_felt[slots, passed], left),
-        )
-
-    def _excess(self, slots: np.ndarray, began: np.ndarray, felt: np.ndarray, took: np.ndarray) -> Any:
-        """Return the discounted drive (k,) that `slots` (k,) met in the time `took`, less that of `began` (k, D).
-
-        `felt` (k,) is the sum of the drive over the ticks.
-        """
-        if not self.encoding.costed:
-            return 0.0
-        gamma = np.broadcast_to(self.number("gamma"), self.size)[slots]
-        mean = felt / np.maximum(took / self.group.dt, 1)
-        return (1 - elementary.exp(elementary.log(gamma) * took)) * (mean - self.drive(began))
 
     def learn(self, transition: Transition) -> None:
         """Take in one tick; at fixed intervals take a gradient step on L_f and L_J for all agents."""

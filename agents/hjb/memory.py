@@ -8,8 +8,7 @@ from ecology.agents.hjb.devices import Device
 
 
 class Memory:
-    """The last `capacity` decisions of n agents: state, movement, state after, duration, what was open,
-    and the drive met on the way."""
+    """The last `capacity` decisions of n agents: state, movement, state after, duration, what was open, drive met."""
 
     def __init__(self, n: int, capacity: int, components: int, movements: int, device: Device) -> None:
         self.capacity, self.device = capacity, device
