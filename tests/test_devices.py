@@ -138,7 +138,7 @@ def learned(settings: dict[str, Any], n: int = 3, device: str = "cpu") -> HJB:
             open_ = rng.random((1, learner.count)) < 0.5
             open_[0, max(movement[0], 0)] = True
             lasts = rng.uniform(1, 20, 1)
-            excess = rng.normal(scale=0.3, size=1) if learner.encoding.costed else 0.0
+            excess = rng.normal(scale=0.3, size=1) if learner.encoding.costed else None
             learner.memory.add(np.array([slot]), zeta, movement, after, lasts, open_, excess)
     learner._set_optimism()
     return learner

@@ -30,7 +30,6 @@ from ecology.agents.hjb.curiosity import SEARCHES, Curiosity
 from ecology.agents.hjb.devices.cpu.device import Cpu
 from ecology.agents.hjb.devices.cpu.lookahead import recall, recall_open
 from ecology.agents.hjb.devices.records import RecalledErrors
-from ecology.agents.hjb.experience import remember
 from ecology.agents.movements import adaptive, single_ticks
 from ecology.lab.runs.run_config import resolve
 
@@ -255,23 +254,17 @@ def test_the_drive_on_the_way_is_that_of_the_ticks_passed() -> None:
     """Of a movement and of a state on its way, the excess is (1 - gamma^tau) (mean drive to the end - drive there)."""
     env, learner = paper_learner(pause=60.0, epsilon=1.0, epsilon_final=1.0, notice=False, option_cost=True)
     group = env.groups["agent"]
-    learner.execution.movement[0], learner.execution.left[0] = learner.moves.names.index("rest"), 60
-    learner.execution.felt[0] = 0.0
     mask = np.zeros((1, len(group.actions)), bool)
     mask[0, [group.actions.index("rest"), group.actions.index("walk")]] = True
     states = np.zeros((61, 1, learner.components), np.float32)
     states[:, 0, 0] = np.random.default_rng(0).uniform(-2, 0, 61)
     drives = learner.drive(states[:, 0])
-    learner.execution.began[0] = states[0, 0]
-    learner.execution.elapsed[0] = 0
+    slots = np.array([0])
+    learner.execution.start(slots, np.array([learner.moves.names.index("rest")]), states[0], learner.moves.open(mask))
+    learner.execution.advance(slots)
     for zeta in states[1:]:
-        learner.execution.elapsed[0] += 1
-        learner.execution.left[0] -= 1
-        learner.execution.drive[:] = learner.drive(zeta)
-        learner.execution.proceed(mask, zeta, np.zeros(1, np.int64), keep=True)
-        learner.execution.elapsed[0] -= not learner.execution.free[0]
-        learner.execution.left[0] += not learner.execution.free[0]
-    remember(learner, np.array([0]), states[-1])
+        learner.act(zeta, mask)
+    assert learner.memory.count[0] == 2
     gamma = learner.settings.gamma
     for row in range(2):
         tau = float(learner.memory.duration[0, row])

@@ -25,7 +25,7 @@ def test_the_tutorial_builds_predators_and_prey(tmp_path):
     """Its blocks are one scenario file that keeps the contract, and in which prey are bitten and young are born."""
     path = tmp_path / "meadow.py"
     path.write_text(tutorial(), encoding="utf-8")
-    assert len(path.read_text().splitlines()) < 77
+    assert len(path.read_text().splitlines()) < 75
     scenario = scenarios.load(str(path))
     for species in scenario.species:
         learner_class(species.learner)

@@ -29,7 +29,7 @@ class Underway(NamedTuple):
 class Execution:
     """Which movement every agent is executing, since when, and the states that it has passed."""
 
-    def __init__(self, moves: Movements, n: int, components: int, *, costed: bool = False) -> None:
+    def __init__(self, moves: Movements, n: int, components: int, *, costed: bool) -> None:
         """Begin without movements; `costed` says that the drive on the way is needed."""
         self.costed = costed
         count = len(moves.names)

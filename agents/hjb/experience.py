@@ -19,8 +19,8 @@ def remember(learner: HJB, slots: np.ndarray, observations: np.ndarray) -> None:
     unknown, the state serves L_J alone.
     """
     way, memory, after = learner.execution, learner.memory, observations[slots]
-    took, felt = way.elapsed[slots] * learner.group.dt, way.felt[slots]
-    began = way.began[slots]
+    began, felt = way.began[slots], way.felt[slots]
+    took = way.elapsed[slots] * learner.group.dt
     excess = excess_of(learner, slots, began, felt, took)
     memory.add(slots, began, way.movement[slots], after, took, way.was_open[slots], excess)
     if not learner.settings.intra_option:
@@ -34,13 +34,13 @@ def remember(learner: HJB, slots: np.ndarray, observations: np.ndarray) -> None:
 
 def excess_of(
     learner: HJB, slots: np.ndarray, began: np.ndarray, felt: np.ndarray, took: np.ndarray
-) -> np.ndarray | float:
+) -> np.ndarray | None:
     """Return the discounted drive (k,) that `slots` (k,) met in the time `took`, less that at `began` (k, D).
 
-    `felt` (k,) is the sum of the drive over the ticks. Zero where f does not predict it.
+    `felt` (k,) is the sum of the drive over the ticks. None where f does not predict it.
     """
     if not learner.encoding.costed:
-        return 0.0
+        return None
     gamma = np.broadcast_to(learner.number("gamma"), learner.size)[slots]
     mean = felt / np.maximum(took / learner.group.dt, 1)
     found: np.ndarray = (1 - elementary.exp(elementary.log(gamma) * took)) * (mean - learner.drive(began))

@@ -434,9 +434,8 @@ class HJB(Learner):
         began, movement = self.execution.began[slots], self.execution.movement[slots]
         expected = self.device.expect(self.weights, slots, began, movement)
         took = self.execution.elapsed[slots] * self.group.dt
-        met = [observations[slots] - began, took]
-        if self.encoding.costed:
-            met.append(excess_of(self, slots, began, self.execution.felt[slots], took))
+        excess = excess_of(self, slots, began, self.execution.felt[slots], took)
+        met = [observations[slots] - began, took, *(() if excess is None else (excess,))]
         error = (np.column_stack(met) - expected).astype(np.float32)
         error[:, senses.angle] = np.remainder(error[:, senses.angle] + np.pi, 2 * np.pi) - np.pi
         if self.learning and self.curious:

@@ -28,7 +28,7 @@ class Memory:
         after: np.ndarray,
         duration: np.ndarray,
         open_: np.ndarray,
-        excess: np.ndarray | float = 0.0,
+        excess: np.ndarray | None = None,
     ) -> None:
         """Store one decision for each of `slots` (k,)."""
         rows, at = self.device.on(slots), self.device.on(self.count[slots] % self.capacity)
@@ -37,5 +37,6 @@ class Memory:
         self.duration[rows, at] = self.device.on(duration)
         self.movement[rows, at] = self.device.on(movement.astype(np.int16))
         self.open[rows, at] = self.device.on(open_)
-        self.excess[rows, at] = self.device.on(np.broadcast_to(np.float32(excess), len(slots)))
+        if excess is not None:
+            self.excess[rows, at] = self.device.on(excess)
         self.count[slots] += 1

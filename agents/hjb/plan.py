@@ -15,9 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ecology.agents.hjb.devices.plain.encoding import drive
 from ecology.agents.hjb.devices.plain.networks import deviations, forecast
-from ecology.agents.hjb.devices.plain.scores import add_optimism
+from ecology.agents.hjb.devices.plain.scores import add_optimism, drive_on_the_way
 from ecology.agents.hjb.devices.plain.update import agent_of, own_constants
 from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, Agent, Encoding, RecalledErrors
 from ecology.agents.hjb.devices.torch.encoding import on_device
@@ -95,8 +94,7 @@ def _expand(s: Encoding, own: Agent, past: RecalledErrors, nodes: Nodes) -> Node
     parts = len(s.low)
     after = torch.minimum(torch.maximum(before + step[:, :parts], s.low), s.high)
     fade = np.exp(float(s.log_gamma) * step[:, parts].clamp(float(s.dt), LONGEST).numpy().astype(float))
-    here, there = drive(s, before).numpy(), drive(s, after).numpy()
-    way = (1 - fade) * here + step[:, -1].numpy() if s.costed else (1 - fade) * 0.5 * (here + there)
+    way = drive_on_the_way(s, before, after, torch.from_numpy(fade), step[:, -1]).numpy()
     cost, keep = nodes.cost[row] + nodes.keep[row] * way, nodes.keep[row] * fade
     value = add_optimism(s, own, after, deviations(s, own, after)).numpy()
     return Nodes(

@@ -186,10 +186,10 @@ def expand(s, own, past, level, nodes, scratch, beam):
             keep = exp32(max(tau * s.log_gamma, F(-80.0)))
             if s.costed:
                 excess = (raw[r, o + parts + 1] + b3[o + parts + 1]) * s.unit[parts + 1] + beam.bias[m, parts + 1]
-                cost = (ONE - keep) * d + excess
+                beam.next_cost[count] = beam.cost[r] + beam.keep[r] * ((ONE - keep) * d + excess)
             else:
-                cost = (ONE - keep) * HALF * (d + drive(s, ahead, scratch.mixed))
-            beam.next_cost[count] = beam.cost[r] + beam.keep[r] * cost
+                drives = d + drive(s, ahead, scratch.mixed)
+                beam.next_cost[count] = beam.cost[r] + beam.keep[r] * (ONE - keep) * HALF * drives
             beam.next_keep[count] = beam.keep[r] * keep
             beam.next_root[count] = m if level == 0 else beam.root[r]
             count += 1

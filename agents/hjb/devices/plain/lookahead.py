@@ -9,9 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ecology.agents.hjb.devices.plain.encoding import drive
 from ecology.agents.hjb.devices.plain.networks import deviations, forecast
-from ecology.agents.hjb.devices.plain.scores import add_optimism
+from ecology.agents.hjb.devices.plain.scores import add_optimism, drive_on_the_way
 from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, RecalledErrors
 
 
@@ -91,9 +90,8 @@ def expand(s: Any, own: Any, past: RecalledErrors, nodes: list[Node]) -> list[No
         for m in np.flatnonzero(node.open).tolist():
             after = torch.minimum(torch.maximum(node.state + predicted[m, : len(s.low)], s.low), s.high)
             fade = math.exp(s.log_gamma * float(predicted[m, len(s.low)].clamp(s.dt, LONGEST)))
-            here, there = float(drive(s, node.state)), float(drive(s, after))
-            way = (1 - fade) * here + float(predicted[m, -1]) if s.costed else (1 - fade) * 0.5 * (here + there)
-            cost, keep = node.cost + node.keep * way, node.keep * fade
+            way = drive_on_the_way(s, node.state, after, fade, predicted[m, -1])
+            cost, keep = node.cost + node.keep * float(way), node.keep * fade
             value = float(add_optimism(s, own, after[None], deviations(s, own, after[None])))
             found.append(Node(after, cost, keep, m if node.root < 0 else node.root, node.open, cost + keep * value))
     return found

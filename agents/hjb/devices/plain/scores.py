@@ -29,6 +29,15 @@ def add_optimism(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
     return torch.where(is_unknown(s, own, zeta), (1 - share) * value - more, value)
 
 
+def drive_on_the_way(s: Any, before: Tensor, after: Tensor, keep: Any, excess: Tensor) -> Tensor:
+    """Return the discounted drive of movements from `before` to `after` (..., D), of which `keep` (...) is gamma^tau.
+
+    It is the one at the start and the `excess` (...) that f predicts, or else the mean of both ends.
+    """
+    here = drive(s, before)
+    return (1 - keep) * here + excess if s.costed else (1 - keep) * 0.5 * (here + drive(s, after))
+
+
 def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     """Return the HJB score (b, M) of the open movements at zeta (b, D), drive units; infinity for the others.
 
@@ -43,8 +52,7 @@ def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     keep = math.exp(s.log_gamma) ** predicted[..., parts].clamp(s.dt, LONGEST)
     flat = after.flatten(0, 1)
     ahead = add_optimism(s, own, flat, deviations(s, own, flat)).view(keep.shape)
-    here = drive(s, zeta)[:, None]
-    cost = (1 - keep) * here + predicted[..., -1] if s.costed else (1 - keep) * 0.5 * (here + drive(s, after))
+    cost = drive_on_the_way(s, zeta[:, None], after, keep, predicted[..., -1])
     return (cost + keep * ahead).masked_fill(~open_, math.inf).detach()
 
 

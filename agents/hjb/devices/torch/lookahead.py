@@ -10,9 +10,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from ecology.agents.hjb.devices.records import FADING, FAINT, LONGEST, PRIOR, STALE, RecalledErrors
-from ecology.agents.hjb.devices.torch.encoding import drive
 from ecology.agents.hjb.devices.torch.networks import deviations, forecast
-from ecology.agents.hjb.devices.torch.scores import add_optimism
+from ecology.agents.hjb.devices.torch.scores import add_optimism, drive_on_the_way
 
 TURN = 2 * math.pi
 
@@ -98,8 +97,7 @@ def expand(s: Any, own: Any, past: RecalledErrors, level: int, beam: Beam) -> Be
     parts = beam.state.shape[-1]
     ahead = (beam.state[:, :, None] + raw[..., :parts]).clamp(s.low, s.high)
     faded = torch.exp(raw[..., parts].clamp(s.dt, LONGEST) * s.log_gamma)  # (a, R, M)
-    here = drive(s, beam.state)[..., None]
-    way = (1 - faded) * here + raw[..., -1] if s.costed else (1 - faded) * 0.5 * (here + drive(s, ahead))
+    way = drive_on_the_way(s, beam.state[:, :, None], ahead, faded, raw[..., -1])
     cost = beam.cost[..., None] + beam.keep[..., None] * way
     first = torch.arange(s.movements, device=s.device).expand_as(faded) if level == 0 else beam.root[..., None]
     return Beam(

@@ -30,6 +30,15 @@ def add_optimism(s: Any, own: Any, zeta: Tensor, value: Tensor) -> Tensor:
     return torch.where(lower, value - own.optimism[:, :1] * value - own.optimism[:, 1:], value)
 
 
+def drive_on_the_way(s: Any, before: Tensor, after: Tensor, keep: Any, excess: Tensor) -> Tensor:
+    """Return the discounted drive of movements from `before` to `after` (..., D), of which `keep` (...) is gamma^tau.
+
+    It is the one at the start and the `excess` (...) that f predicts, or else the mean of both ends.
+    """
+    here = drive(s, before)
+    return (1 - keep) * here + excess if s.costed else (1 - keep) * 0.5 * (here + drive(s, after))
+
+
 def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     """Return the HJB score (a, R, M) of the open movements at zeta (a, R, D), drive units; infinity for the others.
 
@@ -42,8 +51,7 @@ def scores(s: Any, own: Any, zeta: Tensor, open_: Tensor) -> Tensor:
     parts = zeta.shape[-1]
     ahead = (zeta[:, :, None] + predicted[..., :parts]).clamp(s.low, s.high)
     keep = torch.exp(predicted[..., parts].clamp(s.dt, LONGEST) * s.log_gamma)
-    here = drive(s, zeta)[..., None]
-    cost = (1 - keep) * here + predicted[..., -1] if s.costed else (1 - keep) * 0.5 * (here + drive(s, ahead))
+    cost = drive_on_the_way(s, zeta[:, :, None], ahead, keep, predicted[..., -1])
     flat = ahead.flatten(1, 2)
     value = add_optimism(s, own, flat, deviations(s, own, flat))
     return (cost + keep * value.view_as(keep)).masked_fill(~open_, math.inf)
